@@ -1,0 +1,1 @@
+"""Mathematics of fast, vibration-free motion: plants, maneuvers, commands, linear programs, refinement and bounds."""

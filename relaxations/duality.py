@@ -1,0 +1,89 @@
+"""Weak duality in continuous time, evaluated in floating point: what a costate says about the minimum time.
+
+For any λ and `p(s) = λᵀ b(s)`, a command that reaches the target in time T satisfies (../docs/theory.md, equation 2)
+
+    λᵀ target ≤ ∫_0^T σ(p(s)) ds,     σ(p) = max(upper p, lower p).
+
+Where that is violated no admissible command is as short as T. Here the integral is a float; the theorem needs ball arithmetic.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import elementwise
+
+from relaxations.maneuvers import Problem
+
+Reals = NDArray[np.float64]
+
+SAMPLES_PER_PERIOD = 64  # of the fastest pole: two roots of the costate closer than that are seen as none, which only loosens the bound
+
+
+def costate_roots(problem: Problem, costate: Reals, horizon: float) -> Reals:
+    """Times to go in (0, horizon) at which `p = λᵀ b` changes sign, ascending [s]."""
+    fastest = max((abs(pole.value) for target in problem.sets for pole in target.basis.poles), default=0.0)
+    samples = int(min(max(512, SAMPLES_PER_PERIOD * horizon * fastest / (2 * np.pi)), 200_000))
+    grid = np.linspace(0.0, horizon, samples + 1)
+    values = costate @ problem.rows(grid)
+    values[values == 0.0] = np.finfo(float).tiny  # a grid point that hits a root belongs to its right-hand neighbour's side
+    inner = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0)
+
+    def p(s: Reals) -> Reals:
+        return costate @ problem.rows(s)
+
+    if not len(inner):
+        return np.zeros(0)
+    found = elementwise.find_root(p, (grid[inner], grid[inner + 1]), tolerances={"xatol": 0.0, "xrtol": 4e-16, "fatol": 0.0, "frtol": 0.0})
+    # Where p is all rounding at both ends the signs may differ from those seen above; either end is then as good a root.
+    return np.where(np.isfinite(found.x), found.x, grid[inner])
+
+
+@dataclass(frozen=True, slots=True)
+class Support:
+    """`∫_0^T σ(p)` split at the costate's roots."""
+
+    horizon: float
+    roots: Reals
+    integral: float
+    rounding: float  # a generous estimate of the floating-point error of `integral`
+    final: float  # σ(p(T)), the integrand where the horizon ends
+
+
+def support(problem: Problem, costate: Reals, horizon: float) -> Support:
+    """Evaluate `∫_0^horizon σ(p(s)) ds` through the antiderivative of b."""
+    roots = costate_roots(problem, costate, horizon)
+    edges = np.concatenate([[0.0], roots, [horizon]])
+    table = problem.rows(edges, 1)
+    pieces = costate @ np.diff(table, axis=1)
+    level = np.where(pieces > 0, problem.upper, problem.lower)
+    size = np.abs(costate) @ np.abs(table)
+    rounding = 8 * np.finfo(float).eps * float(np.sum(size) * max(abs(problem.lower), abs(problem.upper)))
+    end = float(costate @ problem.rows([horizon])[:, 0])
+    return Support(horizon, roots, float(level @ pieces), rounding, max(problem.upper * end, problem.lower * end))
+
+
+def lower_bound(problem: Problem, costate: Reals, near: float) -> float:
+    """The largest T_λ near `near` [s] at which (2) is violated beyond rounding, or 0: `λᵀ target = ∫_0^T σ(p)` solved by guarded Newton."""
+    wanted = float(costate @ problem.target)
+    if wanted <= 0:
+        return 0.0
+    low, high = 0.0, np.inf
+    time, best = near, 0.0
+    for _ in range(60):
+        value = support(problem, costate, time)
+        if value.integral + value.rounding < wanted:
+            low, best = time, max(best, time)
+        else:
+            high = time
+        # A slope of zero says nothing about where the root is: bisect (or double) then.
+        step = (wanted - value.integral - 2 * value.rounding) / value.final if value.final > 0 else np.inf
+        following = time + step
+        if not low < following < high:
+            following = (low + high) / 2 if np.isfinite(high) else 2 * time
+        if abs(following - time) <= 4 * np.finfo(float).eps * time or high - low <= 4 * np.finfo(float).eps * high:
+            break
+        time = following
+    return best

@@ -1,0 +1,30 @@
+"""What can be wrong with a request to `relaxations`.
+
+    RelaxationsError
+    ├── PlantError       the plant cannot be used as written (improper, a zero at the origin, a hidden mode …)
+    ├── ManeuverError    the task has no answer, or only a degenerate one (limits without the rest input …)
+    ├── CommandError     a command or command file is malformed
+    └── SolverError      a numerical step failed; what was tried stands in the message
+
+"Not proved" is no error but a status of `relaxations.bounds.Bound`.
+"""
+
+
+class RelaxationsError(Exception):
+    """Base of everything this package raises on purpose."""
+
+
+class PlantError(RelaxationsError):
+    """The plant cannot be used as written."""
+
+
+class ManeuverError(RelaxationsError):
+    """The task is refused by definition."""
+
+
+class CommandError(RelaxationsError):
+    """A command or command file is malformed."""
+
+
+class SolverError(RelaxationsError):
+    """A numerical step failed."""

@@ -1,0 +1,147 @@
+"""The task: from rest to rest, for one or several plants that share a command.
+
+A `Problem` is what everything downstream works on: limits on the deviation of the input and, for every plant, a `TargetSet` of linear
+equations on that plant's moments at the end of the move. Robustness by further zeros is a plant with poles of higher multiplicity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relaxations.errors import ManeuverError
+from relaxations.moments import Basis
+from relaxations.plants import Exact, LinearPlant, Pole, exact
+
+Reals = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Actuator limits `lower ≤ u(t) ≤ upper`, absolute, input units, exact."""
+
+    lower: Fraction
+    upper: Fraction
+
+    @staticmethod
+    def of(lower: Exact, upper: Exact) -> Limits:
+        """From numbers as written; raises `ManeuverError` if they are not ascending."""
+        limits = Limits(exact(lower), exact(upper))
+        if not limits.lower < limits.upper:
+            raise ManeuverError(f"limits ascend: [{float(limits.lower)!r}, {float(limits.upper)!r}] leaves the input no room")
+        return limits
+
+
+@dataclass(frozen=True, slots=True)
+class Maneuver:
+    """Move the output by `displacement` (output units) from the rest at input `rest`, within `limits`; exact numbers.
+
+    `robustness` further zeros are placed at every flexible mode, or as many as a mapping says: `{"mode[1]": 1, "real[2]": 1}`
+    (flexible modes by ascending frequency, real poles by ascending magnitude).
+    """
+
+    displacement: Fraction
+    limits: Limits
+    rest: Fraction = Fraction(0)
+    robustness: int | Mapping[str, int] = 0
+
+
+@dataclass(frozen=True, slots=True)
+class TargetSet:
+    """Where one plant must be when the move ends: `M(T) = target`, in the rows of `basis`; target has shape (n,)."""
+
+    basis: Basis
+    target: Reals
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One command for a list of plants: deviations `lower ≤ u - u_0 ≤ upper` (input units), `hold` = u_ss - 0 deviation at the final rest."""
+
+    lower: float
+    upper: float
+    hold: float
+    sets: tuple[TargetSet, ...]
+    rest: float = 0.0
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def size(self) -> int:
+        """Number of real equations of all target sets together."""
+        return sum(target.basis.size for target in self.sets)
+
+    @property
+    def target(self) -> Reals:
+        """All target sets' right-hand sides in one column."""
+        return np.concatenate([target.target for target in self.sets])
+
+    def rows(self, s: Sequence[float] | Reals, integrals: int = 0) -> Reals:
+        """All target sets' `b(s)`, or its integrals from 0, stacked: shape (size, len(s))."""
+        return np.vstack([target.basis.rows(s, integrals) for target in self.sets])
+
+    def derivative(self, costate: Reals) -> Reals:
+        """Costate of ds-derivative of `p(s) = λᵀ b(s)`."""
+        parts = np.split(costate, np.cumsum([target.basis.size for target in self.sets])[:-1])
+        return np.concatenate([target.basis.derivative(part) for target, part in zip(self.sets, parts, strict=True)])
+
+
+def _extra_zeros(plant: LinearPlant, robustness: int | Mapping[str, int]) -> dict[complex, int]:
+    named = {f"mode[{i}]": pole for i, pole in enumerate(plant.flexible, 1)} | {f"real[{i}]": pole for i, pole in enumerate(plant.real, 1)}
+    if isinstance(robustness, Mapping):
+        unknown = sorted(set(robustness) - set(named))
+        if unknown:
+            raise ManeuverError(f"robustness names {', '.join(unknown)}; this plant has {', '.join(named) or 'no such mode'}")
+        wanted = dict(robustness)
+    else:
+        wanted = {name: robustness for name, pole in named.items() if pole.is_flexible}
+    wrong = {name: count for name, count in wanted.items() if count < 0}
+    if wrong:
+        raise ManeuverError(f"robustness counts further zeros, 0 or more: {wrong}")
+    return {named[name].value: count for name, count in wanted.items()}
+
+
+def target_set(plant: LinearPlant, maneuver: Maneuver) -> TargetSet:
+    """State rest of one plant after the move, with the further zeros asked for.
+
+    Off the origin the moments equal those of holding u_ss for ever; at the origin all vanish but the highest, which carries the displacement.
+    """
+    extra = _extra_zeros(plant, maneuver.robustness)
+    basis = Basis(tuple(Pole(pole.value, pole.multiplicity + extra.get(pole.value, 0)) for pole in plant.poles))
+    hold = float(plant.rest_input(maneuver.displacement))
+    target = basis.hold(hold)
+    if plant.rigid_order:  # poles are sorted by magnitude: the origin's rows come first
+        highest = plant.partial().residues[0][-1].real
+        target[plant.rigid_order - 1] = float(maneuver.displacement) / highest
+    return TargetSet(basis, target)
+
+
+def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
+    """The equations and limits of a maneuver of one or more plants under one command.
+
+    Raises `ManeuverError` if there is nothing to move or the limits exclude the input at either rest, `PlantError` without a rest state.
+    """
+    if maneuver.displacement == 0:
+        raise ManeuverError("the displacement is 0: there is nothing to move")
+    holds = {plant.rest_input(maneuver.displacement) for plant in plants}
+    if len(holds) != 1:
+        raise ManeuverError(f"the plants share one command and so one final rest input, but ask for {sorted(map(float, holds))}")
+    (hold,) = holds
+    low, high = maneuver.limits.lower, maneuver.limits.upper
+    for where, value in (("initial", maneuver.rest), ("final", maneuver.rest + hold)):
+        if not low <= value <= high:
+            raise ManeuverError(
+                f"the input at the {where} rest is {float(value)!r}, outside the limits [{float(low)!r}, {float(high)!r}]: "
+                "the plant could not stay at rest there"
+            )
+    return Problem(
+        float(low - maneuver.rest),
+        float(high - maneuver.rest),
+        float(hold),
+        tuple(target_set(plant, maneuver) for plant in plants),
+        float(maneuver.rest),
+        tuple(note for plant in plants for note in plant.notes),
+    )
