@@ -98,7 +98,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
 
     def bound(upper: float | None, costate: Reals, command: Command | None, switches: int | None, reason: str) -> Bound:
         near = grid.below.program.maneuver_time if upper is None and grid.below else (upper or 0.0)
-        lower = lower_bound(problem, costate, near)
+        lower = float(lower_bound(problem, costate, near))
         if upper is not None:
             lower = min(lower, upper)
         return Bound(Status.BRACKETED, lower, upper, costate, command, switches, reason, grid.count, time.perf_counter() - begun)

@@ -110,6 +110,20 @@ class Command:
         moving = np.where(index < 0, rest, level + slope * (t - start))
         return np.where(t >= self.end, self.tail(np.maximum(t - self.end, 0.0)), moving)
 
+    def fuel(self, rest: float = 0.0) -> float:
+        """`∫ |u - rest| dt` over the segments (input units times second), exact for piecewise linear u; the tail's fuel is apart."""
+        total = 0.0
+        ends = [*(s.start for s in self.segments[1:]), self.end]
+        for segment, end in zip(self.segments, ends, strict=True):
+            width = end - segment.start
+            first = segment.level - rest
+            last = first + segment.slope * width
+            if first * last >= 0.0:
+                total += abs(first + last) / 2 * width
+            else:  # the input crosses its rest value inside the segment: two triangles
+                total += (first**2 + last**2) / (2 * abs(segment.slope))
+        return total
+
     def shifted(self, delay: float) -> Command:
         """The same command, beginning `delay` [s] later."""
         segments = tuple(Segment(s.start + delay, s.level, s.slope) for s in self.segments)

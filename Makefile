@@ -1,0 +1,82 @@
+# `make verify` and `make test` are all that a fresh machine with Python 3.11 to 3.13 needs; both set up .venv by themselves.
+
+PYTHON ?= python3
+VENV   ?= .venv
+OUT    ?= evidence/two_mass
+STUDY  ?= suite/studies/two_mass.toml
+# two workers; a file's tests stay together, so that what a file sets up is set up once
+PYTEST_FLAGS ?= -n 2 --dist loadfile
+
+BIN := $(VENV)/bin
+# twice quiet: errors only
+PIP_FLAGS := --quiet --quiet --disable-pip-version-check
+# The environment is ready if it was made from exactly these files; file dates mean nothing after a clone.
+KEY   := $(shell cat requirements.lock pyproject.toml | cksum | tr ' ' '-')
+READY := $(VENV)/ready-$(KEY)
+
+.PHONY: help verify test slow foreign benchmark lint format env compiler fmus foreign-env lock clean
+.DEFAULT_GOAL := help
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+verify: env compiler ## set up, build the plants, run the two-mass study; leaves evidence/two_mass/report.html
+	$(BIN)/slewcert fmus build
+	$(BIN)/slewcert verify $(STUDY) --out $(OUT) --force
+
+test: env compiler ## set up and run the tests; says which groups it leaves out
+	$(BIN)/pytest $(PYTEST_FLAGS)
+
+slow: env compiler ## the tests that take long
+	$(BIN)/pytest -m slow
+
+foreign: env compiler foreign-env ## the tests that need headless Chromium and Node
+	$(BIN)/pytest -m foreign
+
+benchmark: env compiler ## the measurements
+	$(BIN)/pytest -m benchmark
+
+lint: env ## ruff, pyright, import contracts
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+
+format: env ## let ruff rewrite the sources
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+env: $(READY) ## the environment of requirements.lock, in .venv
+
+$(READY):
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(not (3, 11) <= v <= (3, 13) and f"slewcert needs Python 3.11 to 3.13; $(PYTHON) is {v[0]}.{v[1]} (make PYTHON=... chooses another)")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install $(PIP_FLAGS) --require-hashes --requirement requirements.lock
+	$(BIN)/python -m pip install $(PIP_FLAGS) --no-deps --no-build-isolation --editable .
+	@rm -f $(VENV)/ready-* && touch $@
+
+# the same search as the build's own: $CC, cc, gcc, clang, then ziglang
+compiler: env
+	@test -n "$$CC" || command -v cc >/dev/null || command -v gcc >/dev/null || command -v clang >/dev/null \
+	  || $(BIN)/python -c 'import ziglang' 2>/dev/null \
+	  || { echo 'No C compiler here: installing ziglang (100 MB).'; \
+	       $(BIN)/python -m pip install $(PIP_FLAGS) --require-hashes --requirement requirements-compiler.lock; }
+
+fmus: env compiler ## build the shipped plants
+	$(BIN)/slewcert fmus build
+
+foreign-env: tests/foreign/node_modules/.package-lock.json
+
+tests/foreign/node_modules/.package-lock.json: tests/foreign/package-lock.json
+	npm ci --prefix tests/foreign
+	@touch $@
+
+lock: env ## resolve the dependencies anew (needs uv)
+	uv pip compile pyproject.toml --extra dev --upgrade --output-file requirements.lock $(LOCK_FLAGS)
+	echo ziglang | uv pip compile - --upgrade --output-file requirements-compiler.lock $(LOCK_FLAGS)
+
+# names, versions and hashes for every supported Python and platform; no index address, whatever this machine is set up with
+LOCK_FLAGS := --universal --python-version 3.11 --generate-hashes --no-config --no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' --quiet
+
+clean: ## remove the environment and everything made
+	rm -rf $(VENV) evidence build dist tests/foreign/node_modules

@@ -1,0 +1,233 @@
+"""The child process from the parent's side: started, asked, watched, killed, cleaned up after."""
+
+from __future__ import annotations
+
+import os
+import queue
+import secrets
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import weakref
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+from fmus.archives import Fmu
+from fmus.errors import FmuError
+from fmus.isolated import frame, read_frame
+from fmus.stepping import RunStatus
+
+OUTPUT_LIMIT = 2**16  # bytes kept of what an FMU prints in one run
+START_TIMEOUT = 60.0  # seconds for a new child to say that it is ready, generous for a loaded machine
+
+
+@dataclass(slots=True)
+class Answer:
+    """What came of a request: a status, why, the reply, messages and what the FMU printed."""
+
+    status: RunStatus
+    detail: str
+    reply: dict[str, Any] = field(default_factory=dict)
+    messages: list[tuple[float, str, str]] = field(default_factory=list)
+    printed: str = ""
+
+
+class Child:
+    """The process, its folder and its pipes."""
+
+    def __init__(self) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="slewcert-"))
+        self.runs = 0
+        self._unpacked: set[str] = set()
+        work = self.folder / "work"
+        work.mkdir()
+        root = str(Path(__file__).resolve().parent.parent)
+        path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "fmus.isolated", str(self.folder)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                cwd=work,  # what the FMU writes to its working directory is removed with the folder
+                env={**os.environ, "PYTHONPATH": path},
+                start_new_session=os.name == "posix",  # so that what the FMU starts can be ended with it, and Ctrl-C is ours
+            )
+        except BaseException:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            raise
+        process = self._process
+        assert process.stdout is not None
+        assert process.stderr is not None
+        self._finalizer = weakref.finalize(self, _end, process, self.folder)
+        self._inbox: queue.SimpleQueue[tuple[dict[str, Any], bytes] | None] = queue.SimpleQueue()
+        self._reader = threading.Thread(target=_receive, args=(process.stdout, self._inbox), daemon=True)
+        self._reader.start()
+        self._printed = _Printed(process.stderr)
+        ready = self._await(Answer(RunStatus.FAILED, ""), time.monotonic() + START_TIMEOUT)
+        if ready is None or ready.get("status") != "READY":
+            self.stop()
+            raise FmuError(f"the child process for the FMU did not start: {self._printed.text()[-2000:] or 'no message'}")
+
+    @property
+    def alive(self) -> bool:
+        return self._finalizer.alive and self._process.poll() is None
+
+    def place(self, fmu: Fmu) -> Path:
+        return self.folder / fmu.sha256[:32]
+
+    def unpack(self, fmu: Fmu) -> None:
+        if fmu.sha256 not in self._unpacked:
+            self.place(fmu).mkdir()
+            fmu.extract(self.place(fmu))
+            self._unpacked.add(fmu.sha256)
+
+    def ask(self, request: dict[str, Any], raw: bytes, timeout: float) -> Answer:
+        """Send a request and wait for its reply, at most `timeout` seconds."""
+        place = self.folder / request["sha256"][:32]
+        request["library"], request["resources"] = str(place / request["library"]), str(place / "resources")
+        mark = request["mark"] = secrets.token_hex(16)
+        self._printed.begin(mark)
+        deadline = time.monotonic() + timeout
+        answer = Answer(RunStatus.FAILED, "")
+        # A child that hangs does not read, and a pipe holds little: write beside the clock, not before it.
+        threading.Thread(target=self._send, args=(frame(request, raw),), daemon=True).start()
+        reply = self._await(answer, deadline)
+        if reply is not None:
+            answer.status, answer.detail, answer.reply = RunStatus[reply["status"]], reply["detail"], reply
+            self._printed.marked.wait(5.0)
+        elif self._process.poll() is None and time.monotonic() >= deadline:
+            answer.status, answer.detail = RunStatus.HUNG, f"no answer within {timeout:g} s"
+            self._kill()
+        else:
+            code = self._ended()
+            self._kill()
+            self._drain_messages(answer)
+            answer.status, answer.detail = _judge_exit(code)
+        answer.printed = self._printed.text()
+        return answer
+
+    def stop(self) -> None:
+        """Kill the process and what it started, remove the folder."""
+        self._kill()
+        self._finalizer()
+
+    def _kill(self) -> None:
+        """Kill the process and what it started; the folder still holds the rows so far."""
+        _kill(self._process)
+        self._reader.join(1.0)
+        self._printed.join(1.0)
+
+    def _send(self, data: bytes) -> None:
+        assert self._process.stdin is not None
+        with suppress(OSError, ValueError):  # if the child has died, the reading side finds out and says how
+            self._process.stdin.write(data)
+            self._process.stdin.flush()
+
+    def _await(self, answer: Answer, deadline: float) -> dict[str, Any] | None:
+        """The reply; messages on the way are collected. None when the child dies or the time is up."""
+        while True:
+            try:
+                item = self._inbox.get(timeout=min(max(deadline - time.monotonic(), 0.0), 0.2))
+            except queue.Empty:
+                # The end of the stream may never come if the FMU has started a process that holds the pipe.
+                if time.monotonic() >= deadline or self._process.poll() is not None:
+                    return None
+                continue
+            if item is None:
+                return None
+            message = item[0]
+            if "message" not in message:
+                return message
+            answer.messages.append(tuple(message["message"]))
+
+    def _drain_messages(self, answer: Answer) -> None:
+        while not self._inbox.empty():
+            item = self._inbox.get()
+            if item is not None and "message" in item[0]:
+                answer.messages.append(tuple(item[0]["message"]))
+
+    def _ended(self) -> int:
+        try:
+            return self._process.wait(5.0)
+        except subprocess.TimeoutExpired:  # the FMU closed the pipe, but lives on
+            return 0
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """Kill the process, and at the first call its whole group: later the group's number might be somebody else's."""
+    assert process.stdin is not None
+    if not process.stdin.closed and os.name == "posix":
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
+    process.wait()
+    with suppress(OSError):  # unsent bytes of a request to a dead child
+        process.stdin.close()
+
+
+def _end(process: subprocess.Popen[bytes], folder: Path) -> None:
+    """Kill, reap, remove; runs once, at the latest when the parent's interpreter ends."""
+    _kill(process)
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _receive(stream: IO[bytes], inbox: queue.SimpleQueue[tuple[dict[str, Any], bytes] | None]) -> None:
+    with stream, suppress(ValueError, OSError):  # the FMU wrote into the pipe: what follows cannot be read
+        while (item := read_frame(stream)) is not None:
+            inbox.put(item)
+    inbox.put(None)
+
+
+class _Printed:
+    """Drains what the FMU prints, so that it never blocks, and keeps the beginning."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self.marked = threading.Event()
+        self._lock = threading.Lock()
+        self._kept, self._tail, self._more, self._mark = bytearray(), b"", False, b""
+        self._thread = threading.Thread(target=self._drain, args=(stream,), daemon=True)
+        self._thread.start()
+
+    def begin(self, mark: str) -> None:
+        """Forget the last run's output; `mark` will end this run's."""
+        with self._lock:
+            self._kept, self._tail, self._more, self._mark = bytearray(), b"", False, mark.encode()
+            self.marked.clear()
+
+    def text(self) -> str:
+        with self._lock:
+            text = bytes(self._kept).replace(self._mark, b"") if self._mark else bytes(self._kept)
+            return text.decode("utf-8", "replace") + ("\n… (more was printed, and dropped)" if self._more else "")
+
+    def join(self, timeout: float) -> None:
+        self._thread.join(timeout)
+
+    def _drain(self, stream: IO[bytes]) -> None:
+        with stream:
+            while data := os.read(stream.fileno(), 65536):
+                with self._lock:
+                    room = OUTPUT_LIMIT - len(self._kept)
+                    self._kept += data[: max(room, 0)]
+                    window = self._tail + data
+                    ended = bool(self._mark) and self._mark in window
+                    self._more = self._more or len(data) - (len(self._mark) if ended else 0) > room
+                    self._tail = window[-64:]
+                    if ended:
+                        self.marked.set()
+
+
+def _judge_exit(code: int) -> tuple[RunStatus, str]:
+    if code < 0:
+        name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+        outside = " (killed from outside, perhaps for lack of memory)" if name == "SIGKILL" else ""
+        return RunStatus.CRASHED, f"{name}{outside}"
+    if code >= 0x8000_0000:  # Windows' codes of exceptions
+        return RunStatus.CRASHED, f"exception {code:#x}"
+    return RunStatus.EXITED, f"exit code {code}"

@@ -1,0 +1,294 @@
+"""An instance of a loaded binary, FMI 2.0 and 3.0 alike (`fmus.interfaces` has what differs): the one module that uses FMPy.
+
+Of FMPy it takes the parser of modelDescription.xml and the C helper that formats FMI 2.0's variadic log messages. The
+calls themselves have their own prototypes, because the stepping loop reads straight into a block of memory.
+
+This module runs beside foreign machine code: it belongs into a child process (`fmus.isolated`), and it imports only the
+standard library until a function needs more.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from ctypes import POINTER, byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from fmus.errors import CallFailed, DescriptionError, FmuError
+
+if TYPE_CHECKING:
+    from fmpy.model_description import ModelDescription, ModelVariable
+    from fmpy.model_description import Unit as RawUnit
+
+    __all__ = ["ModelDescription", "ModelVariable", "RawUnit"]
+
+STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
+
+Log = Callable[[str, str], None]
+Typed = tuple[str, int]
+"""A variable's type and value reference."""
+Number = type[ctypes._SimpleCData]
+"""The C type of a variable's values."""
+
+
+def parse_description(xml: bytes) -> ModelDescription:
+    """Validate against the standard's schema and parse; `DescriptionError` lists every problem."""
+    import io
+    import zipfile
+
+    from fmpy.model_description import ValidationError, read_model_description
+
+    # The parser reads zip files. One made here shows it this document only, not the rest of an untrusted archive.
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("modelDescription.xml", xml)
+    try:
+        return read_model_description(archive)
+    except ValidationError as problem:
+        raise DescriptionError("modelDescription.xml is not valid: " + "; ".join(map(str, problem.problems))) from None
+    except Exception as problem:  # noqa: BLE001 - the parser raises bare exceptions for what the schema does not catch
+        raise DescriptionError(f"modelDescription.xml cannot be used: {type(problem).__name__}: {problem}") from None
+
+
+class Instance(ABC):
+    """One instance of an FMU: created, initialised, stepped or evaluated, freed.
+
+    Every call that returns something other than OK raises `CallFailed`, except Warning, which is kept in `warning`
+    (the first one) so that the run can go on and be marked.
+    """
+
+    prefix: ClassVar[str]
+    signatures: ClassVar[dict[str, str]]
+    types: ClassVar[dict[str, tuple[str, Number]]]
+
+    def __init__(self, library: Path, token: str, name: str, resources: Path, log: Log) -> None:
+        """Load the binary. `log` receives (level, text) for each message of the FMU."""
+        self.token, self.name, self.resources = token.encode(), name.encode(), resources
+        self.log = log
+        self.warning = ""
+        self._last_message = ""
+        self._handle: int | None = None
+        self._library = load(library)
+        self._functions: dict[str, Callable[..., int]] = {}
+
+    @abstractmethod
+    def instantiate(self, interface: str) -> None:
+        """Create the instance: `interface` is "co_simulation" or "model_exchange"."""
+
+    @abstractmethod
+    def enter_initialization(self, stop: float | None, tolerance: float | None) -> None:
+        """Begin initialisation for a run from 0 to `stop` [s]."""
+
+    @abstractmethod
+    def stepper(self) -> Callable[[float, float], bool]:
+        """A function (t, h) that steps from t to t + h [s] and returns whether the FMU asks to terminate the run."""
+
+    @abstractmethod
+    def start_continuous_time(self) -> None:
+        """Model Exchange after initialisation: settle events, enter continuous time."""
+
+    @abstractmethod
+    def derivative(self, unknowns: Sequence[int], known: int) -> list[float]:
+        """∂unknowns/∂known at the present point, by the FMU's directional derivative."""
+
+    def log_trouble(self, categories: Sequence[str]) -> None:
+        """Ask for messages of those categories that explain a status; without this many FMUs stay silent."""
+        wanted = [name for name in categories if name.startswith("logStatus")]
+        if wanted:
+            names = (c_char_p * len(wanted))(*(name.encode() for name in wanted))
+            self.function("SetDebugLogging")(self._handle, True, len(wanted), names)  # an FMU that cannot is no failure
+
+    def exit_initialization(self) -> None:
+        """End initialisation."""
+        self.call("ExitInitializationMode")
+
+    def terminate(self) -> None:
+        """End the run."""
+        self.call("Terminate")
+
+    def reset(self) -> None:
+        """Back to the state after `instantiate`."""
+        self.call("Reset")
+
+    def free(self) -> None:
+        """Free the instance; the binary stays loaded."""
+        if self._handle is not None:
+            handle, self._handle = self._handle, None
+            self.function("FreeInstance", restype=None)(handle)
+
+    def set(self, variable: Typed, value: float) -> None:
+        """Set one number."""
+        kind, reference = variable
+        self.setter(kind, reference)(value)
+
+    def setter(self, kind: str, reference: int) -> Callable[[float], None]:
+        """A fast function that sets one variable."""
+        suffix, ctype = self._type(kind)
+        function, handle = self.function(f"Set{suffix}"), self._handle
+        references, box = (c_uint * 1)(reference), (ctype * 1)()
+        whole = ctype is not c_double and ctype is not ctypes.c_float
+        arguments = (handle, references, 1, box, *self._count(1))
+        name = f"{self.prefix}Set{suffix}"
+
+        def assign(value: float) -> None:
+            box[0] = round(value) if whole else value
+            status = function(*arguments)
+            if status:
+                self.judge(name, status)
+
+        return assign
+
+    def reader(self, variables: Sequence[Typed], address: int) -> Callable[[int], None]:
+        """A function that reads the variables into row `i` of a block of float64 rows at `address`."""
+        width = len(variables)
+        groups: dict[str, list[int]] = {}
+        for column, (kind, _) in enumerate(variables):
+            groups.setdefault(kind, []).append(column)
+        parts = [self._reader(kind, [variables[c][1] for c in columns], columns, width, address) for kind, columns in groups.items()]
+        if len(parts) == 1:
+            return parts[0]
+
+        def read(row: int) -> None:
+            for part in parts:
+                part(row)
+
+        return read
+
+    def _reader(self, kind: str, references: list[int], columns: list[int], width: int, address: int) -> Callable[[int], None]:
+        suffix, ctype = self._type(kind)
+        function, handle, n = self.function(f"Get{suffix}"), self._handle, len(references)
+        refs, tail, name = (c_uint * n)(*references), self._count(n), f"{self.prefix}Get{suffix}"
+        if ctype is c_double and n == width:
+            stride = 8 * width
+
+            def straight(row: int) -> None:
+                status = function(handle, refs, n, address + row * stride, *tail)
+                if status:
+                    self.judge(name, status)
+
+            return straight
+        buffer = (ctype * n)()
+
+        def copied(row: int) -> None:
+            status = function(handle, refs, n, buffer, *tail)
+            if status:
+                self.judge(name, status)
+            cells = (c_double * width).from_address(address + 8 * width * row)
+            for column, value in zip(columns, buffer, strict=True):
+                cells[column] = value
+
+        return copied
+
+    def states(self, count: int) -> list[float]:
+        """The continuous state vector (Model Exchange)."""
+        return self._vector("GetContinuousStates", count)
+
+    def set_states(self, values: Sequence[float]) -> None:
+        """Set the continuous state vector (Model Exchange)."""
+        self.call("SetContinuousStates", (c_double * len(values))(*values), len(values))
+
+    def rates(self, count: int) -> list[float]:
+        """The time derivatives of the continuous states (Model Exchange)."""
+        return self._vector("GetDerivatives" if self.prefix == "fmi2" else "GetContinuousStateDerivatives", count)
+
+    def get(self, variables: Sequence[Typed]) -> list[float]:
+        """The values of a few variables."""
+        block = (c_double * max(len(variables), 1))()
+        if variables:
+            self.reader(variables, ctypes.addressof(block))(0)
+        return list(block)[: len(variables)]
+
+    def call(self, name: str, *arguments: object) -> None:
+        """Call a function of this instance and judge its status."""
+        status = self.function(name)(self._handle, *arguments)
+        if status:
+            self.judge(self.prefix + name, status)
+
+    def judge(self, call: str, status: int) -> None:
+        """Keep the first Warning; raise for everything worse."""
+        word = STATUS[status] if 0 <= status < len(STATUS) else f"the unknown status {status}"
+        if status == 1:
+            self.warning = self.warning or f"{call} returned Warning" + (f": {self._last_message}" if self._last_message else "")
+        elif status:
+            raise CallFailed(call, word, self._last_message)
+
+    def function(self, name: str, restype: type | None = c_int) -> Callable[..., int]:
+        """The C function with its prototype; `FmuError` if the binary lacks it."""
+        if name not in self._functions:
+            try:
+                function = getattr(self._library, self.prefix + name)
+            except AttributeError:
+                raise FmuError(f"the FMU's binary has no function {self.prefix}{name}") from None
+            function.restype = restype
+            function.argtypes = [_LETTERS[letter] for letter in self._signature(name)]
+            self._functions[name] = function
+        return self._functions[name]
+
+    def received(self, status: int, message: bytes | None) -> None:
+        """Pass on a log message of the FMU."""
+        text = (message or b"").decode("utf-8", "replace").rstrip("\n")
+        self._last_message = text[:500]
+        self.log(STATUS[status].lower() if 0 <= status < len(STATUS) else "unknown", text)
+
+    def _signature(self, name: str) -> str:
+        if name in self.signatures:
+            return self.signatures[name]
+        return "vrzv" + "z" * len(self._count(1))  # Get… and Set… of any type
+
+    def _vector(self, name: str, count: int) -> list[float]:
+        values = (c_double * max(count, 1))()
+        if count:
+            self.call(name, values, count)
+        return list(values)[:count]
+
+    def _type(self, kind: str) -> tuple[str, Number]:
+        try:
+            return self.types[kind]
+        except KeyError:
+            raise FmuError(f"variables of type {kind} cannot be read or set as numbers") from None
+
+    @staticmethod
+    @abstractmethod
+    def _count(n: int) -> tuple[int, ...]:
+        """The number of values, which FMI 3.0 wants after the values."""
+
+    def _created(self, handle: int | None) -> None:
+        if not handle:
+            detail = f": {self._last_message}" if self._last_message else ""
+            raise FmuError(f"the FMU refused to be instantiated{detail}")
+        self._handle = handle
+
+
+_LETTERS = dict(v=c_void_p, s=c_char_p, d=c_double, i=c_int, b=c_bool, z=c_size_t, r=POINTER(c_uint))  # noqa: C408 - reads as a table
+
+
+def load(library: Path) -> ctypes.CDLL:
+    """Load a shared library; `FmuError` says what the system's loader says."""
+    try:
+        if sys.platform == "win32":
+            os.add_dll_directory(str(library.parent))
+        return ctypes.CDLL(str(library))
+    except OSError as problem:
+        raise FmuError(f"the FMU's binary cannot be loaded: {problem}") from None
+
+
+def format_messages(callbacks: ctypes.Structure) -> None:
+    """Put a C function before the logger that formats a message with its variadic arguments, which Python cannot receive."""
+    from importlib.util import find_spec
+
+    package = find_spec("fmpy")  # found, not imported: importing it would take longer than many a run
+    system = {"win32": "win64", "darwin": "darwin64"}.get(sys.platform, "linux64")
+    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+    if package is None or package.origin is None:
+        return
+    try:
+        helper = ctypes.CDLL(str(Path(package.origin).parent / "logging" / system / f"logging{suffix}"))
+        add = helper.addLoggerProxy
+    except (OSError, AttributeError):  # no such helper for this machine: messages keep their "%s"
+        return
+    add.argtypes, add.restype = [c_void_p], None
+    add(byref(callbacks))

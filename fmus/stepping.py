@@ -1,0 +1,157 @@
+"""What a co-simulation is asked and what it answers, and the grid of communication points that makes it exact.
+
+The grid is the union of the regular points n·h and all the command's breakpoints, so that the input never changes inside
+a step. On each interval the input is constant, the value after a jump at its left end; a sloping or decaying input is a
+line where the FMU interpolates its inputs, and elsewhere the constant that the command has in the interval's middle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmus.errors import FmuError
+from relaxations.commands import Command
+
+MERGE = 1e-9
+"""Points closer than this part of the step are one point: no FMU resolves it, and a step of rounding noise may be refused."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """One run, from 0 to `stop` [s] with regular communication points every `step` [s].
+
+    `outputs` names the FMU's variables to log (outputs, states …). `parameters` and `initial_state` are set before
+    initialisation, each in the variable's own unit; `initial_input` is the input at rest, before the command starts.
+    """
+
+    fmu: Path
+    input: str
+    outputs: tuple[str, ...]
+    parameters: Mapping[str, float]
+    initial_input: float
+    initial_state: Mapping[str, float]
+    command: Command
+    stop: float
+    step: float
+
+
+@dataclass(frozen=True, slots=True)
+class LogLine:
+    """A message of the FMU: simulated time [s], FMI status word in lower case ("output" for what it printed), text."""
+
+    time: float
+    level: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """What was logged. Arrays are read-only.
+
+    `times` (n,) [s]; `input` (n,) the value applied from that instant on; `values` (n, outputs), at a jump of the input
+    the values just before it. A run that broke off has the rows up to the last good communication point.
+    """
+
+    times: Array
+    input: Array
+    values: Array
+    messages: tuple[LogLine, ...] = ()
+
+    def __post_init__(self) -> None:
+        for array in (self.times, self.input, self.values):
+            array.setflags(write=False)
+
+
+class RunStatus(Enum):
+    """How a run ended; the value is the sentence for people."""
+
+    FINISHED = "the run finished"
+    WARNING = "the run finished, but the FMU returned Warning"
+    DISCARD = "the FMU discarded a step"
+    ERROR = "the FMU returned Error"
+    FATAL = "the FMU returned Fatal"
+    NOT_FINITE = "a logged value is not a finite number"
+    CRASHED = "the FMU crashed its process"
+    EXITED = "the FMU ended its process"
+    HUNG = "the FMU did not answer in time"
+    TERMINATED = "the FMU asked to end the run early"
+    FAILED = "the run could not be carried out"
+
+    @property
+    def complete(self) -> bool:
+        """Whether the trajectory reaches the stop time."""
+        return self in (RunStatus.FINISHED, RunStatus.WARNING)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The end of a run: status, what exactly happened, the trajectory as far as it got (None: no point), wall-clock seconds."""
+
+    status: RunStatus
+    detail: str
+    trajectory: Trajectory | None
+    seconds: float
+    messages: tuple[LogLine, ...] = ()
+
+
+def grid(start: float, stop: float, step: float, breakpoints: Iterable[float] = ()) -> Array:
+    """Communication points [s]: start + n·step, united with the breakpoints between start and stop, and stop itself.
+
+    Each is computed from n, never accumulated. Of points closer than `MERGE`·step the breakpoint stays (start and stop
+    always do). Raises `FmuError` for a step that is not positive or a stop that is not after the start.
+    """
+    if not (math.isfinite(step) and step > 0.0):
+        raise FmuError(f"the communication step must be positive and finite, is {step!r} s")
+    if not (math.isfinite(stop) and stop > start):
+        raise FmuError(f"the run must stop after it starts: start {start!r} s, stop {stop!r} s")
+    near = MERGE * step
+    fixed = [start]
+    for point in sorted(breakpoints):
+        if fixed[-1] + near < point < stop - near:
+            fixed.append(point)
+    fixed.append(stop)
+    kept: Array = np.array(fixed, dtype=np.float64)
+    regular: Array = start + np.arange(1, math.floor((stop - start) / step) + 1, dtype=np.float64) * step
+    after = np.searchsorted(kept, regular).clip(1, len(kept) - 1)
+    distance = np.minimum(np.abs(regular - kept[after - 1]), np.abs(kept[after] - regular))
+    return np.sort(np.concatenate([kept, regular[(distance > near) & (regular < stop)]], dtype=np.float64))
+
+
+def held(command: Command, times: Array, rest: float) -> Array:
+    """The constant input of each interval: the command in its middle (exact for constant segments)."""
+    return command((times[:-1] + times[1:]) / 2.0, rest)
+
+
+def ramps(command: Command, times: Array, rest: float) -> tuple[Array, Array]:
+    """Value at the left end (after a jump) and slope of the input on each interval; a tail's is the line between its ends."""
+    left, right = times[:-1], times[1:]
+    middle = (left + right) / 2.0
+    table = np.array([(0.0, rest, 0.0), *((s.start, s.level, s.slope) for s in command.segments)])
+    starts = np.array([s.start for s in command.segments])
+    start, level, slope = table[np.searchsorted(starts, middle, side="right")].T
+    value = level + slope * (left - start)
+    tail_left, tail_right = (command.tail(np.maximum(t - command.end, 0.0)) for t in (left, right))
+    in_tail = middle >= command.end
+    return np.where(in_tail, tail_left, value), np.where(in_tail, (tail_right - tail_left) / (right - left), slope)
+
+
+def step_sizes(times: Array) -> Array:
+    """The size of each step [s], the last one never beyond the stop time by rounding."""
+    sizes = np.diff(times)
+    if times[-2] + sizes[-1] > times[-1]:
+        sizes[-1] = np.nextafter(sizes[-1], 0.0)
+    return sizes
+
+
+def uniform(times: Array, step: float) -> bool:
+    """Whether all steps are the regular one."""
+    return bool(np.all(np.abs(np.diff(times) - step) <= MERGE * step))

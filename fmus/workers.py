@@ -1,0 +1,222 @@
+"""Runs FMUs in a child process that may crash, exit, hang or print as it likes.
+
+The parent owns the folder that the FMU is unpacked to, the clock and the process; the child (`fmus.isolated`) only drives
+the FMU. Every way to fail is a `RunStatus`; bad input (no such variable, no binary for this machine) raises `FmuError`.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from fmus.archives import Fmu, open_archive
+from fmus.children import Answer, Child
+from fmus.descriptions import Variable
+from fmus.errors import FmuError, LinearizationError
+from fmus.stepping import Array, Experiment, LogLine, Outcome, RunStatus, Trajectory, grid, held, ramps, step_sizes, uniform
+
+RECYCLE = 500  # runs after which a child is replaced, so that what an FMU leaks stays bounded; costs 0.1 ms a run
+
+
+class Worker:
+    """One child process, kept alive from run to run and replaced after any failure. Not for several threads at once.
+
+    with Worker() as worker:
+        outcome = worker.run(experiment, timeout=60.0)
+    """
+
+    def __init__(self) -> None:
+        """No process is started before the first run."""
+        self._child: Child | None = None
+        self._opened: dict[Path, tuple[tuple[int, int], Fmu]] = {}
+
+    def run(self, experiment: Experiment, timeout: float) -> Outcome:
+        """Co-simulate; `timeout` [s] of wall-clock time covers loading, initialisation and all steps.
+
+        Raises `FmuError` for bad input: no such FMU, variable or binary, a number that is not finite.
+        """
+        began = time.perf_counter()
+        fmu = self._open(experiment.fmu)
+        capabilities = fmu.description.capabilities
+        request, times = _run_request(fmu, experiment)
+        if not capabilities.variable_step and not uniform(times, experiment.step):
+            detail = (
+                f"{fmu.path.name} takes communication steps of one size only, but the command's jumps and the stop time "
+                f"{experiment.stop:g} s do not all lie on multiples of the step {experiment.step:g} s"
+            )
+            return Outcome(RunStatus.FAILED, detail, None, time.perf_counter() - began)
+        sizes = step_sizes(times) if capabilities.variable_step else np.full(len(times) - 1, experiment.step)
+        columns = [times, sizes]
+        if request["ramps"]:
+            columns += ramps(experiment.command, times, experiment.initial_input)
+        else:
+            columns.append(held(experiment.command, times, experiment.initial_input))
+        applied = np.append(columns[2], experiment.command(times[-1], experiment.initial_input))
+        with self._ready(fmu) as child:
+            progress = child.folder / f"progress-{child.runs}"
+            width = len(experiment.outputs)
+            with progress.open("wb") as file:
+                file.truncate(8 + 8 * len(times) * width)
+            request["progress"] = str(progress)
+            raw = b"".join(np.ascontiguousarray(c, dtype=float).tobytes() for c in columns)
+            answer = child.ask(request, raw, timeout)
+            # A child that has lost its parent's pipe removes the folder itself: no file means no rows.
+            content = progress.read_bytes() if progress.exists() else bytes(8)
+            progress.unlink(missing_ok=True)
+            outcome = _outcome(answer, content, times, applied, experiment.outputs, time.perf_counter() - began)
+            if not outcome.status.complete:
+                child.stop()
+        return outcome
+
+    def linearize(
+        self,
+        fmu: Fmu,
+        input: str,
+        outputs: tuple[str, ...],
+        parameters: Mapping[str, float],
+        initial_state: Mapping[str, float],
+        initial_input: float,
+        timeout: float,
+    ) -> dict[str, Any]:
+        """The raw answer of the child to a linearisation (see `fmus.linearization`); raises `LinearizationError`."""
+        description = fmu.description
+        request = _request(fmu, "linearize", "model_exchange", input, outputs, parameters, initial_state, initial_input)
+        states = [description.find(state) for state, _ in description.states]
+        if any(v.shape for v in states):
+            raise LinearizationError(f"{fmu.path.name} has arrays as states, which are not supported")
+        request |= {
+            "stop": None,
+            "states": [v.value_reference for v in states],
+            "derivatives": [description.find(name).value_reference for _, name in description.states],
+            "scales": [v.nominal for v in states] + [description.find(input).nominal],
+            "directional": description.capabilities.directional_derivatives,
+        }
+        with self._ready(fmu) as child:
+            answer = child.ask(request, b"", timeout)
+            if answer.status is not RunStatus.FINISHED:
+                child.stop()
+                raise LinearizationError(f"{fmu.path.name} cannot be linearised: {answer.status.value}: {answer.detail}")
+        return answer.reply
+
+    def close(self) -> None:
+        """End the child and remove its folder."""
+        if self._child is not None:
+            self._child.stop()
+            self._child = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _open(self, path: Path) -> Fmu:
+        try:
+            state = path.stat()
+        except OSError:
+            return open_archive(path)  # which says what is wrong
+        stamp = state.st_mtime_ns, state.st_size
+        known = self._opened.get(path)
+        if known is None or known[0] != stamp:
+            known = self._opened[path] = stamp, open_archive(path)
+        return known[1]
+
+    @contextmanager
+    def _ready(self, fmu: Fmu) -> Iterator[Child]:
+        """A child that has this FMU unpacked; ended if anything is raised while it works."""
+        child = self._child
+        once = fmu.description.capabilities.once_per_process
+        if child is not None and (not child.alive or child.runs >= RECYCLE or (once and child.runs)):
+            self.close()
+        child = self._child = self._child if self._child is not None else Child()
+        try:
+            child.unpack(fmu)
+            child.runs += 1
+            yield child
+        except BaseException:
+            self.close()
+            raise
+
+
+def simulate(experiment: Experiment, timeout: float = 60.0) -> Outcome:
+    """One run in a child process of its own."""
+    with Worker() as worker:
+        return worker.run(experiment, timeout)
+
+
+def _outcome(answer: Answer, content: bytes, times: Array, applied: Array, outputs: tuple[str, ...], seconds: float) -> Outcome:
+    count, width = int.from_bytes(content[:8], sys.byteorder, signed=True), len(outputs)
+    count = min(max(count, 0), len(times))  # a wild FMU may have written over it
+    values = np.frombuffer(content, dtype=float, offset=8)[: count * width].reshape(count, width).copy()
+    status, detail = answer.status, answer.detail
+    if status in (RunStatus.HUNG, RunStatus.CRASHED, RunStatus.EXITED):
+        detail += f", after {times[count - 1]:.9g} s" if count else ", before the first point"
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        count, column = (int(i) for i in bad[0])
+        status, detail = RunStatus.NOT_FINITE, f"{outputs[column]} is {values[count, column]} at {times[count]:.9g} s"
+    messages = [LogLine(*m) for m in answer.messages]
+    last = float(times[max(count - 1, 0)])
+    messages += [LogLine(last, "output", line) for line in answer.printed.splitlines() if line.strip()]
+    kept = tuple(messages)
+    trajectory = Trajectory(times[:count].copy(), applied[:count].copy(), values[:count].copy(), kept) if count else None
+    return Outcome(status, detail, trajectory, seconds, kept)
+
+
+def _run_request(fmu: Fmu, experiment: Experiment) -> tuple[dict[str, Any], Array]:
+    e = experiment
+    times = grid(0.0, e.stop, e.step, e.command.breakpoints)
+    request = _request(fmu, "run", "co_simulation", e.input, e.outputs, e.parameters, e.initial_state, e.initial_input)
+    ramped = fmu.description.major == 2 and fmu.description.capabilities.interpolates_inputs
+    return request | {"stop": e.stop, "points": len(times), "ramps": ramped}, times
+
+
+def _request(
+    fmu: Fmu,
+    kind: str,
+    interface: str,
+    input: str,
+    outputs: tuple[str, ...],
+    parameters: Mapping[str, float],
+    initial_state: Mapping[str, float],
+    initial_input: float,
+) -> dict[str, Any]:
+    description = fmu.description
+    if not outputs:
+        raise FmuError("name at least one output to log")
+    for name, value in (*parameters.items(), *initial_state.items(), (input, initial_input)):
+        if not np.isfinite(value):
+            raise FmuError(f"{name!r} must be set to a finite number, not {value!r}")
+    start = [(description.settable_parameter(name), value) for name, value in parameters.items()]
+    start += [(description.settable_state(name), value) for name, value in initial_state.items()]
+    return {
+        "kind": kind,
+        "sha256": fmu.sha256,
+        "fmi": description.major,
+        "library": fmu.require_platform(interface),
+        "token": description.guid,
+        "name": getattr(description.capabilities, interface),
+        "log_categories": description.log_categories,
+        "tolerance": description.default_tolerance,
+        "start": [[v.type, v.value_reference, _settable(v, value)] for v, value in start],
+        "input": _typed(description.drivable_input(input)),
+        "initial_input": float(initial_input),
+        "outputs": [_typed(description.readable(name)) for name in outputs],
+    }
+
+
+def _typed(variable: Variable) -> list[str | int]:
+    return [variable.type, variable.value_reference]
+
+
+def _settable(variable: Variable, value: float) -> float:
+    if not variable.is_real and value != round(value):
+        raise FmuError(f"{variable.name!r} is of type {variable.type} and cannot be {value!r}")
+    return float(value)

@@ -1,0 +1,51 @@
+"""Residual vibration of an impulse sequence against a mode's frequency: the sensitivity curve and the insensitivity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+
+Reals = NDArray[np.float64]
+
+FARTHEST = 10.0  # relative frequency at which the search for the interval's upper end stops
+
+
+def residual(times: ArrayLike, amplitudes: ArrayLike, frequency: ArrayLike, damping: float) -> Reals:
+    """`V = |Σ A_i e^{(ζω + jω_d)(t_i - t_n)}|`, ω_d = ω √(1 - ζ²), at natural frequencies ω = `frequency` [rad/s], 0 ≤ ζ = `damping` < 1.
+
+    Impulses A_i at instants t_i [s]; the unit of V is that of the amplitudes. Singer and Seering's residual, ../docs/task.md "insensitivity".
+    """
+    t, a = np.asarray(times, dtype=float), np.asarray(amplitudes, dtype=float)
+    omega = np.atleast_1d(np.asarray(frequency, dtype=float))
+    exponent = damping * omega + 1j * omega * np.sqrt(1.0 - damping**2)
+    return np.abs(np.exp(np.multiply.outer(exponent, t - t[-1])) @ a)
+
+
+def _crossing(excess: Callable[[float], float], inside: float, outside: float) -> float:
+    return inside if excess(inside) >= 0.0 else brentq(excess, inside, outside, xtol=1e-14)
+
+
+def insensitivity(times: ArrayLike, amplitudes: ArrayLike, frequency: float, damping: float, level: float) -> float:
+    """Width of the connected interval of relative frequency around 1 in which `residual` is at most `level`; 0 if it is more at 1."""
+    duration = float(np.ptp(np.asarray(times, dtype=float)))
+
+    def excess(relative: float) -> float:
+        return float(residual(times, amplitudes, relative * frequency, damping)[0]) - level
+
+    if excess(1.0) > 1e-12 * level:  # some shapers reach the level exactly at 1
+        return 0.0
+    # The curve's finest feature has a width of about one over the number of periods that the sequence lasts.
+    stride = min(0.005, 0.02 / max(duration * frequency / (2 * np.pi), 1e-3))
+
+    def edge(end: float) -> float:
+        grid = np.linspace(1.0, end, int(np.ceil(abs(end - 1.0) / stride)) + 1)
+        over = np.flatnonzero(residual(times, amplitudes, grid * frequency, damping) > level * (1 + 1e-12))
+        if not len(over):
+            return end
+        first = over[0]
+        return 1.0 if first == 0 else _crossing(excess, grid[first - 1], grid[first])
+
+    return edge(FARTHEST) - edge(0.0)

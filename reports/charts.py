@@ -1,0 +1,250 @@
+"""Charts as SVG text for the page: no fonts, no scripts, no clock. The only module that imports matplotlib.
+
+Colours are CSS variables of the page with a fallback each, so that one chart suits a light screen, a dark one and paper. Equal data
+gives equal text. Labels are taken literally: a `$` in a study's name is no formula.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from reports.errors import RecordError
+
+# Stand-ins for the page's colours: matplotlib wants numbers, the page wants variables.
+_INK, _FAINT, _LINE, _SECOND, _LIMIT, _BAD, _UNSURE = "#010101", "#020202", "#030303", "#040404", "#050505", "#060606", "#070707"
+_COLOURS = {
+    _INK: "var(--chart-ink, #3d444d)",
+    _FAINT: "var(--chart-faint, #d5d9de)",
+    _LINE: "var(--chart-line, #1f5fa8)",
+    _SECOND: "var(--chart-second, #b3541e)",
+    _LIMIT: "var(--chart-limit, #8a6d00)",
+    _BAD: "var(--chart-bad, #b3261e)",
+    _UNSURE: "var(--chart-unsure, #9a6700)",
+}
+_FONT = "var(--chart-font, system-ui, sans-serif)"
+_STYLE: dict[str, object] = {
+    "axes.edgecolor": _INK,
+    "axes.facecolor": "none",
+    "axes.grid": True,
+    "axes.labelcolor": _INK,
+    "axes.labelsize": 9,
+    "axes.linewidth": 0.7,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 9,
+    "axes.unicode_minus": True,
+    "figure.facecolor": "none",
+    "font.family": ["DejaVu Sans"],  # comes with matplotlib: the same metrics everywhere
+    "grid.color": _FAINT,
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "legend.labelcolor": _INK,
+    "lines.linewidth": 1.5,
+    "path.simplify": True,
+    "svg.fonttype": "none",  # text stays text: searchable, and in the page's font
+    "text.color": _INK,
+    "text.parse_math": False,
+    "xtick.color": _INK,
+    "xtick.labelsize": 8.5,
+    "ytick.color": _INK,
+    "ytick.labelsize": 8.5,
+}
+_WIDTH = 7.6  # inches; the page scales it
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A horizontal line at `value`, named in the legend."""
+
+    value: float
+    label: str
+
+
+def command_and_response(
+    name: str,
+    times: ArrayLike,
+    command: ArrayLike,
+    output: ArrayLike,
+    *,
+    start: float,
+    end: float,
+    target: float,
+    displacement: float,
+    command_label: str,
+    output_label: str,
+    input_limits: tuple[float, float] | None = None,
+    linear: ArrayLike | None = None,
+    tolerance: float | None = None,
+) -> str:
+    """A run in three panels: the command during the move, the output during the move, and how far the output is from its target afterwards.
+
+    `times` (n,) [s]; `command` (n,) is the input applied from each instant on, `output` (n,), `linear` (n,) the linear plant's output;
+    the move lasts from `start` to `end` [s]; `target` = y_0 + Δ and `displacement` = |Δ| > 0 in the output's unit; `tolerance` a
+    fraction of |Δ|. `name` describes the run to people who cannot see the chart, and must differ between the charts of one page.
+    """
+    t, u, y = _arrays(times=times, command=command, output=output)
+    reference = None if linear is None else _arrays(times=times, linear=linear)[1]
+    if not displacement > 0.0:
+        raise RecordError(f"displacement must be positive, is {displacement!r}")
+    with mpl.rc_context(_rc(name)):
+        figure = Figure(figsize=(_WIDTH, 6.4), layout="constrained")
+        above, middle, below = figure.subplots(3, 1, height_ratios=(2, 3, 2))
+        middle.sharex(above)
+        moving = t <= end + 0.35 * max(end - start, 1e-12)
+        above.step(t[moving], u[moving], where="post", color=_LINE)
+        if input_limits is not None:
+            for level in input_limits:
+                above.axhline(level, color=_LIMIT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
+        above.set_ylabel(command_label)
+        above.tick_params(labelbottom=False)
+        middle.axhline(target, color=_LIMIT, linewidth=1.0, linestyle=(0, (4, 3)), label="target")
+        middle.plot(t[moving], y[moving], color=_LINE, label="FMU")
+        if reference is not None:
+            middle.plot(t[moving], reference[moving], color=_SECOND, linestyle=(0, (1, 2.5)), linewidth=2.0, label="linear plant")
+        middle.set_ylabel(output_label)
+        middle.legend(loc="best")
+        for axes in (above, middle):
+            axes.axvline(end, color=_INK, linewidth=0.8, linestyle=":")
+        after = t >= end
+        deviation = 100.0 * (y[after] - target) / displacement
+        below.plot(t[after], deviation, color=_LINE, linewidth=0.9)
+        if tolerance is not None:
+            for level in (-100.0 * tolerance, 100.0 * tolerance):
+                below.axhline(level, color=_LIMIT, linewidth=1.0, linestyle=(0, (4, 3)))
+        below.set_ylabel("from target [% of move]")
+        below.set_xlabel("time [s]")
+        below.set_title("After the move", loc="left")
+        above.set_title("During the move (dotted: its end)", loc="left")
+        above.margins(x=0.01)
+        below.margins(x=0.01)
+        _tidy_offsets(middle, below)
+        return _svg(figure, name)
+
+
+def sweep(
+    name: str,
+    values: ArrayLike,
+    results: ArrayLike,
+    *,
+    parameter_label: str,
+    quantity_label: str,
+    verdicts: Sequence[str] | None = None,
+    errors: ArrayLike | None = None,
+    limits: Sequence[Limit] = (),
+    nominal: float | None = None,
+) -> str:
+    """A quantity over an uncertain parameter: one mark a run, as judged by the caller, the limits as lines.
+
+    `values`, `results` (n,), NaN where a run has no result; `errors` (n,) numerical errors. Marks differ in form as well as in colour.
+    """
+    x, y = _arrays(values=values, results=results)
+    judged = np.array(verdicts if verdicts is not None else ["pass"] * x.size)
+    if judged.size != x.size:
+        raise RecordError(f"{x.size} values but {judged.size} verdicts")
+    order = np.argsort(x, kind="stable")
+    x, y, judged = x[order], y[order], judged[order]
+    with mpl.rc_context(_rc(name)):
+        figure = Figure(figsize=(_WIDTH, 3.4), layout="constrained")
+        axes = figure.subplots()
+        axes.plot(x, y, color=_LINE, linewidth=1.0)
+        if errors is not None:
+            axes.errorbar(x, y, yerr=np.asarray(errors, dtype=float)[order], fmt="none", ecolor=_INK, elinewidth=0.8)
+        marks = {"pass": ("o", _LINE, "pass"), "fail": ("X", _BAD, "FAIL"), "undecided": ("D", _UNSURE, "UNDECIDED")}
+        for verdict, (marker, colour, label) in marks.items():
+            if np.any(chosen := judged == verdict):
+                axes.plot(x[chosen], y[chosen], marker, color=colour, markersize=5.5, markeredgewidth=0, label=label)
+        lost = ~np.isfinite(y)
+        if np.any(lost):  # a run without a result is shown where it is missing
+            axes.plot(x[lost], np.full(lost.sum(), 0.02), "x", color=_BAD, transform=axes.get_xaxis_transform(), label="no result")
+        for limit in limits:
+            axes.axhline(limit.value, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
+        if nominal is not None:
+            axes.axvline(nominal, color=_INK, linewidth=0.8, linestyle=":", label="nominal")
+        axes.set_xlabel(parameter_label)
+        axes.set_ylabel(quantity_label)
+        axes.legend(loc="best")
+        _tidy_offsets(axes)
+        return _svg(figure, name)
+
+
+def sensitivity(
+    name: str,
+    factors: ArrayLike,
+    curves: Mapping[str, ArrayLike],
+    *,
+    factor_label: str = "frequency / modelled frequency",
+    quantity_label: str = "residual vibration [% of move]",
+    limits: Sequence[Limit] = (),
+) -> str:
+    """Sensitivity curves: residual vibration against the true frequency of a mode, one named curve a command; `factors` (n,)."""
+    (x,) = _arrays(factors=factors)
+    with mpl.rc_context(_rc(name)):
+        figure = Figure(figsize=(_WIDTH, 3.4), layout="constrained")
+        axes = figure.subplots()
+        styles = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)))
+        for number, (label, curve) in enumerate(curves.items()):
+            y = _arrays(factors=factors, curve=curve)[1]
+            axes.plot(x, y, color=(_LINE, _SECOND, _INK)[number % 3], linestyle=styles[number % 4], label=label)
+        for limit in limits:
+            axes.axhline(limit.value, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
+        axes.set_xlabel(factor_label)
+        axes.set_ylabel(quantity_label)
+        axes.set_ylim(bottom=0.0)
+        axes.margins(x=0.01)
+        axes.legend(loc="best")
+        return _svg(figure, name)
+
+
+def _arrays(**given: ArrayLike) -> list[Float64]:
+    """The arguments as float arrays of one and the same length; raises `RecordError` naming those that differ."""
+    arrays = {name: np.asarray(value, dtype=float) for name, value in given.items()}
+    shapes = {name: a.shape for name, a in arrays.items()}
+    if len(set(shapes.values())) != 1 or any(a.ndim != 1 for a in arrays.values()):
+        raise RecordError(f"a chart needs lists of one length; given are {', '.join(f'{n} {s}' for n, s in shapes.items())}")
+    return list(arrays.values())
+
+
+def _rc(name: str) -> dict[str, object]:
+    return _STYLE | {"svg.hashsalt": name}
+
+
+def _tidy_offsets(*all_axes: Axes) -> None:
+    """No `1e-9` in a corner far from the axis, unless the numbers need it."""
+    for axes in all_axes:
+        axes.ticklabel_format(axis="y", useOffset=False)
+
+
+def _svg(figure: Figure, name: str) -> str:
+    out = io.StringIO()
+    FigureCanvasSVG(figure).print_svg(out, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    svg = out.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
+    svg = re.sub(r"<!--.*?-->\s*", "", svg, flags=re.DOTALL)
+    # Several charts share one page: keep only the ids that are referred to, and those apart by the chart's name.
+    used = set(re.findall(r'(?:url\(#|xlink:href="#)([^)"]+)', svg))
+    prefix = re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-") or "chart"
+    svg = re.sub(r' id="([^"]*)"', lambda m: f' id="{prefix}-{m[1]}"' if m[1] in used else "", svg)
+    svg = re.sub(r"(url\(#|xlink:href=\"#)", rf"\g<1>{prefix}-", svg)
+    for stand_in, variable in _COLOURS.items():
+        svg = svg.replace(stand_in, variable)
+    svg = svg.replace("'DejaVu Sans'", _FONT)
+    box = re.search(r'viewBox="([^"]+)"', svg)
+    assert box is not None  # matplotlib always writes one
+    label = escape(name, quote=True)
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" viewBox="{box[1]}"'
+    return f'{head} role="img" aria-label="{label}"><title>{label}</title>' + svg[svg.index(">") + 1 :].strip()

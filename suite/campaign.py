@@ -1,0 +1,301 @@
+"""The campaign: the command on the plant's FMU, once for the nominal plant and once for every sample of the box, each run judged and logged."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from fmus.stepping import Experiment, Outcome, RunStatus
+from fmus.workers import Worker
+from relaxations.commands import Command
+from relaxations.plants import LinearPlant
+from relaxations.response import response
+from reports import logs
+from reports.files import sha256
+from suite.ledger import Ledger
+from suite.observations import Setting, Subject, observe, record, with_verdict
+from suite.plants import plant_at
+from suite.quantities import Facts, Observation, evaluate, window
+from suite.quantity_names import Quantity, parse_quantity
+from suite.study import Requirement, Study
+from suite.verdicts import Measured, RunVerdict, Verdict, judge_run, overall
+
+ALWAYS = tuple(map(parse_quantity, ("residual_vibration", "final_error", "overshoot", "peak_input", "model_mismatch")))
+"""Quantities that every run reports, asked for or not."""
+
+STEPS_PER_PERIOD, STEPS_PER_WINDOW = 50, 1000
+RUNS = "runs"
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A run to be made: name, parameter values of the box (exact), and the linear plant at these values."""
+
+    name: str
+    nominal: bool
+    parameters: Mapping[str, Fraction]
+    plant: LinearPlant
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """What a run came to. `log` is its path within the evidence folder (None: not kept), `measured` is empty unless the run finished.
+
+    `simulation` tells communication step, stop time, slowest period [s] and whether the modes decay within the observed window.
+    """
+
+    name: str
+    nominal: bool
+    parameters: Mapping[str, Fraction]
+    status: RunStatus
+    detail: str
+    verdict: Verdict
+    measured: Mapping[str, Measured]
+    simulation: Mapping[str, float | bool | None]
+    log: str | None
+    sha256: str
+
+    def seen_by(self, quantity: Quantity) -> RunVerdict:
+        """This run as a requirement on `quantity` sees it."""
+        return RunVerdict(self.name, self.nominal, self.measured.get(str(quantity)), self.detail)
+
+    def to_row(self) -> dict[str, object]:
+        """As plain data, for the ledger."""
+        return {
+            "name": self.name,
+            "nominal": self.nominal,
+            "parameters": {name: str(value) for name, value in self.parameters.items()},
+            "status": self.status.name,
+            "detail": self.detail,
+            "verdict": self.verdict.value,
+            "measured": {name: [value.value, value.error] for name, value in self.measured.items()},
+            "simulation": dict(self.simulation),
+            "log": self.log,
+            "sha256": self.sha256,
+        }
+
+    @staticmethod
+    def from_row(row: Mapping[str, object]) -> RunResult:
+        """The inverse of `to_row`."""
+        data: dict = dict(row)
+        return RunResult(
+            data["name"],
+            data["nominal"],
+            {name: Fraction(value) for name, value in data["parameters"].items()},
+            RunStatus[data["status"]],
+            data["detail"],
+            Verdict(data["verdict"]),
+            {name: Measured(*pair) for name, pair in data["measured"].items()},
+            data["simulation"],
+            data["log"],
+            data["sha256"],
+        )
+
+
+def samples(study: Study) -> tuple[Sample, ...]:
+    """The nominal plant first, then the full product of the parameters' grids; a sample equal to the nominal plant is not made twice."""
+    names = [axis.parameter for axis in study.uncertainties]
+    usual = {name: nominal_value(study, name) for name in names}
+    made = [Sample("0000-nominal", True, usual, plant_at(study, usual))]
+    for values in itertools.product(*(axis.values for axis in study.uncertainties)) if names else ():
+        chosen = dict(zip(names, values, strict=True))
+        if chosen != usual:
+            made.append(Sample(f"{len(made):04d}", False, chosen, plant_at(study, chosen)))
+    return tuple(made)
+
+
+def nominal_value(study: Study, parameter: str) -> Fraction:
+    """An uncertain parameter's nominal value: the study's, else the FMU's start value."""
+    fmu = study.plant.fmu
+    assert fmu is not None
+    if parameter in fmu.parameters:
+        return Fraction(fmu.parameters[parameter])
+    start = fmu.archive.description.find(parameter).start
+    return Fraction(repr(start)) if isinstance(start, float) else Fraction(start or 0)
+
+
+def settle(study: Study, sample: Sample, command: Command, bracket: tuple[float | None, float | None]) -> Setting:
+    """Communication step and observed window of a run, from the modes of its own plant."""
+    modes = tuple((pole.natural_frequency, pole.damping_ratio) for pole in sample.plant.flexible)
+    rates = tuple(pole.value.real for pole in sample.plant.real)
+    observed, slowest, decayed = window(modes, rates, command.maneuver_time)
+    if study.simulation.observe is not None:
+        decayed = decayed and study.simulation.observe >= observed
+        observed = study.simulation.observe
+    stop = command.end + observed
+    step = stop / STEPS_PER_WINDOW
+    if modes:
+        step = min(step, 2 * math.pi / max(frequency for frequency, _ in modes) / STEPS_PER_PERIOD)
+    facts = Facts(float(study.maneuver.displacement), float(study.plant.initial_input), 0.0, modes, slowest, decayed, *bracket)
+    return Setting(sample.name, sample.nominal, sample.parameters, facts, study.simulation.step or step, stop)
+
+
+def carry_out(
+    study: Study,
+    subject: Subject,
+    bracket: tuple[float | None, float | None],
+    folder: Path,
+    ledger: Ledger,
+    jobs: int,
+    finished: Callable[[RunResult], None] = lambda result: None,
+) -> tuple[RunResult, ...]:
+    """Make every run that the ledger does not hold yet, `jobs` at a time; the results come in the order of the samples.
+
+    A log is on disk before its row is in the ledger. `finished` is called after each run, in the order in which they end.
+    """
+    (folder / RUNS).mkdir(exist_ok=True)
+    lock, workers, local = threading.Lock(), [], threading.local()
+
+    def worker() -> Worker:
+        if not hasattr(local, "worker"):
+            local.worker = Worker()
+            with lock:
+                workers.append(local.worker)
+        return local.worker
+
+    def one(sample: Sample) -> RunResult:
+        setting = settle(study, sample, subject.command, bracket)
+        identity = run_id(study, subject, setting)
+        with lock:
+            known = ledger.find(identity)
+        if known is not None:
+            result = RunResult.from_row(known)
+            if _intact(folder, result):
+                finished(result)
+                return result
+        result = run(study, subject, sample, setting, worker(), folder)
+        with lock:
+            ledger.add(identity, result.name, result.verdict.value, result.to_row())
+        finished(result)
+        return result
+
+    try:
+        with ThreadPoolExecutor(jobs, thread_name_prefix="run") as pool:
+            futures = [pool.submit(one, sample) for sample in samples(study)]
+            try:
+                return tuple(future.result() for future in futures)
+            except BaseException:
+                for future in futures:
+                    future.cancel()
+                raise
+    finally:
+        for each in workers:
+            each.close()
+
+
+def _intact(folder: Path, result: RunResult) -> bool:
+    path = folder / (result.log or "")
+    return path.is_file() and sha256(path) == result.sha256
+
+
+def run_id(study: Study, subject: Subject, setting: Setting) -> str:
+    """A hash of everything that determines a run's log."""
+    parts = [
+        subject.version,
+        subject.study_sha256,
+        subject.fmu_sha256,
+        json.dumps(subject.command.to_dict()),
+        setting.name,
+        json.dumps({name: str(value) for name, value in sorted(setting.parameters.items())}),
+        repr((setting.step, setting.stop, study.simulation.seed)),
+    ]
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+
+def run(study: Study, subject: Subject, sample: Sample, setting: Setting, worker: Worker, folder: Path) -> RunResult:
+    """One run with its step-halving check, measured, judged and logged."""
+    fmu = study.plant.fmu
+    assert fmu is not None
+    parameters = {name: float(value) for name, value in {**fmu.parameters, **sample.parameters}.items()}
+    experiment = Experiment(
+        fmu=fmu.archive.path,
+        input=study.plant.input,
+        outputs=subject.variables,
+        parameters=parameters,
+        initial_input=float(study.plant.initial_input),
+        initial_state={},
+        command=subject.command,
+        stop=setting.stop,
+        step=setting.step,
+    )
+    whole, outcome = _simulate(subject, sample, setting, worker, experiment, study.simulation.timeout)
+    measured: dict[str, Measured] = {}
+    if outcome.status is RunStatus.FINISHED:
+        halved, check = _simulate(subject, sample, setting, worker, replace(experiment, step=setting.step / 2), study.simulation.timeout)
+        if check.status is RunStatus.FINISHED:
+            measured = measure(observe(whole), observe(halved), quantities(subject.requirements, sample.nominal))
+        else:
+            outcome = replace(outcome, status=check.status, detail=f"with half the communication step: {check.detail}")
+            whole = replace(whole, run={**whole.run, "status": check.status.name.lower(), "detail": outcome.detail})
+    verdict = run_verdict(subject.requirements, sample.nominal, measured)
+    path = folder / RUNS / f"{setting.name}.mcap"
+    logs.write_log(path, with_verdict(whole, verdict, measured))
+    name = f"{RUNS}/{path.name}"
+    return RunResult(
+        name=setting.name,
+        nominal=sample.nominal,
+        parameters=sample.parameters,
+        status=outcome.status,
+        detail=outcome.detail,
+        verdict=verdict,
+        measured=measured,
+        simulation={
+            "step": setting.step,
+            "stop": setting.stop,
+            "slowest_period": setting.facts.slowest_period,
+            "decayed": setting.facts.decayed,
+        },
+        log=name,
+        sha256=sha256(path),
+    )
+
+
+def _simulate(subject: Subject, sample: Sample, setting: Setting, worker: Worker, experiment: Experiment, timeout: float):
+    outcome: Outcome = worker.run(experiment, timeout)
+    trajectory = outcome.trajectory
+    if trajectory is None or not len(trajectory.times):
+        return record(subject, setting, replace(outcome, trajectory=None), np.zeros(0)), outcome
+    controlled = subject.variables.index(subject.output.variable)
+    rest = float(trajectory.values[0, controlled])
+    setting = replace(setting, facts=replace(setting.facts, rest_output=rest), step=experiment.step)
+    linear = rest + response(sample.plant, subject.command, trajectory.times, rest=setting.facts.rest_input)
+    return record(subject, setting, outcome, linear), outcome
+
+
+def quantities(requirements: Sequence[Requirement], nominal: bool) -> tuple[Quantity, ...]:
+    """What a run measures: what always is, and what the requirements that look at it name."""
+    asked = [r.quantity for r in requirements if nominal or r.scope == "box"]
+    return tuple({str(quantity): quantity for quantity in (*ALWAYS, *asked)}.values())
+
+
+def measure(run: Observation, halved: Observation, wanted: Sequence[Quantity]) -> dict[str, Measured]:
+    """Each quantity with its numerical error: twice the change from halving the communication step, which bounds a first-order error."""
+    measured = {}
+    for quantity in wanted:
+        value, finer = evaluate(run, quantity), evaluate(halved, quantity)
+        error = 0.0 if value == finer else 2 * abs(value - finer)
+        measured[str(quantity)] = Measured(value, error)
+    return measured
+
+
+def run_verdict(requirements: Sequence[Requirement], nominal: bool, measured: Mapping[str, Measured]) -> Verdict:
+    """One run's verdict on all requirements that look at it; ERROR if nothing could be measured."""
+    if not measured:
+        return Verdict.ERROR
+    return overall(list(_judged(requirements, nominal, measured)))
+
+
+def _judged(requirements: Sequence[Requirement], nominal: bool, measured: Mapping[str, Measured]) -> Iterator[Verdict]:
+    for requirement in requirements:
+        if nominal or requirement.scope == "box":
+            yield judge_run(requirement, measured[str(requirement.quantity)])

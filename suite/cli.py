@@ -1,0 +1,169 @@
+"""The command line `slewcert`: one thin layer over the library; what is heavy is imported where it is used."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import click
+
+P, R = ParamSpec("P"), TypeVar("R")
+
+USAGE, INCONCLUSIVE, FAILED, INTERRUPTED = 2, 3, 1, 130
+"""Exit codes other than 0: bad input; undecided, in error or incomplete; fail, differs or impossible; Ctrl-C."""
+
+AS_JSON = click.option("--json", "as_json", is_flag=True, help="Write one JSON object to standard output and nothing else there.")
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="slewcert")
+def main() -> None:
+    """Move flexible machines fast, and say how fast that can be: design, co-simulate, judge, leave evidence."""
+
+
+@contextmanager
+def _user_errors() -> Iterator[None]:
+    """A user's mistake becomes a message and exit code 2, never a traceback."""
+    from fmus.errors import FmuError
+    from relaxations.errors import RelaxationsError
+    from reports.errors import ReportError
+    from suite.errors import SuiteError
+
+    try:
+        yield
+    except (SuiteError, FmuError, RelaxationsError, ReportError) as problem:
+        click.echo(f"error: {problem}", err=True)
+        sys.exit(USAGE)
+    except OSError as problem:
+        where = f"{problem.filename}: " if problem.filename else ""
+        click.echo(f"error: {where}{problem.strerror or problem}", err=True)
+        sys.exit(USAGE)
+    except KeyboardInterrupt:
+        click.echo("interrupted", err=True)
+        sys.exit(INTERRUPTED)
+
+
+def _guarded(function: Callable[P, R]) -> Callable[P, R]:
+    @wraps(function)
+    def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
+        with _user_errors():
+            return function(*args, **kwargs)
+
+    return guarded
+
+
+@main.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Evidence folder; default: NAME-evidence in the current folder.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=lambda: os.cpu_count() or 1, show_default="cores", help="Runs at a time.")
+@click.option("--resume", is_flag=True, help="Go on with a campaign that was cut short.")
+@click.option("--force", is_flag=True, help="Replace an evidence folder that exists.")
+@AS_JSON
+@_guarded
+def verify(study: Path, out: Path | None, jobs: int, resume: bool, force: bool, as_json: bool) -> None:
+    """Design the command of STUDY, run it on the plant's FMU over the parameter range, judge every requirement, leave evidence.
+
+    Exit code 0: all requirements pass; 1: one fails; 2: bad input; 3: undecided or in error.
+    """
+    from suite import console
+    from suite.study import load_study
+    from suite.verification import verify as run
+    from suite.verdicts import Verdict
+
+    if resume and force:
+        raise click.UsageError("--resume goes on with what --force would replace: give one of them")
+    asked = load_study(study)
+    folder = out or Path(f"{study.stem}-evidence")
+    with console.progress(f"co-simulating {asked.file.name}") as shown:
+        done = run(asked, folder, jobs=jobs, resume=resume, force=force, progress=shown)
+    if as_json:
+        _print_json(console.verification_record(done))
+    else:
+        console.show_verification(done)
+    sys.exit({Verdict.PASS: 0, Verdict.FAIL: FAILED}.get(done.verdict, INCONCLUSIVE))
+
+
+@main.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@AS_JSON
+@_guarded
+def bound(study: Path, as_json: bool) -> None:
+    """Bracket the minimum time of STUDY from both sides; nothing is co-simulated."""
+    from suite import console
+    from suite.design import bound_record, design
+    from suite.study import load_study
+
+    asked = load_study(study)
+    made = design(asked)
+    if as_json:
+        _print_json(bound_record(made.bound, made.bound.command, float(asked.plant.initial_input)))
+    else:
+        console.show_bound(asked, made)
+
+
+@main.command()
+@click.argument("path", type=click.Path(path_type=Path))
+@AS_JSON
+@_guarded
+def review(path: Path, as_json: bool) -> None:
+    """Compute every quantity again from a log RUN.mcap or an evidence folder, and compare with what was recorded.
+
+    Exit code 0: confirmed; 1: it differs, or was tampered with; 2: bad input; 3: incomplete.
+    """
+    from suite import console
+    from suite.review import ReviewStatus
+    from suite.review import review as run
+
+    done = run(path)
+    if as_json:
+        _print_json(done.to_dict())
+    else:
+        console.show_review(done)
+    sys.exit({ReviewStatus.CONFIRMED: 0, ReviewStatus.INCOMPLETE: INCONCLUSIVE}.get(done.status, FAILED))
+
+
+@main.group()
+def fmus() -> None:
+    """The plants shipped here."""
+
+
+@fmus.command("list")
+@AS_JSON
+@_guarded
+def fmus_list(as_json: bool) -> None:
+    """Name the plants shipped here."""
+    from fmus.build import shipped
+
+    if as_json:
+        _print_json({"plants": list(shipped())})
+    else:
+        click.echo("\n".join(shipped()))
+
+
+@fmus.command("build")
+@click.argument("names", nargs=-1)
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for the FMUs; default: the cache that studies use.")
+@AS_JSON
+@_guarded
+def fmus_build(names: tuple[str, ...], out: Path | None, as_json: bool) -> None:
+    """Build the FMUs (FMI 2.0 and 3.0) of the plants NAMES, or of all that are shipped."""
+    from fmus.build import build, shipped
+
+    unknown = sorted(set(names) - set(shipped()))
+    if unknown:
+        raise click.UsageError(f"no such plant: {', '.join(unknown)}; there are {', '.join(shipped())}")
+    built = [build(name, version, out) for name in names or shipped() for version in ("2.0", "3.0")]
+    if as_json:
+        _print_json({"fmus": [str(path) for path in built]})
+    else:
+        click.echo("\n".join(map(str, built)))
+
+
+def _print_json(record: Mapping[str, Any]) -> None:
+    click.echo(json.dumps(record, ensure_ascii=False, allow_nan=False))

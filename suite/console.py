@@ -1,0 +1,154 @@
+"""What people see in a terminal: tables on standard output, progress and messages on standard error. The only module that imports rich."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
+from rich.table import Table
+
+from suite.campaign import RunResult
+from suite.evidence import number
+from suite.verification import Progress, Verification
+
+if TYPE_CHECKING:
+    from suite.design import Design
+    from suite.review import Review
+    from suite.study import Study
+
+STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
+WIDTH = 140  # of tables that are written to a file or a pipe, where no terminal says how wide it is
+
+
+def _out() -> Console:
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=WIDTH)
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Progress]:
+    """A bar on standard error while runs are made; nothing where standard error is no terminal."""
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(escape(title), total=None)
+
+        def planned(count: int) -> None:
+            bar.update(task, total=count)
+
+        def finished(result: RunResult) -> None:
+            bar.advance(task)
+            if not result.measured:
+                bar.console.print(f"run {escape(result.name)}: {escape(result.detail)}", style="magenta")
+
+        yield Progress(planned, finished)
+
+
+def verification_record(done: Verification) -> dict[str, Any]:
+    """The object of `verify --json` (docs/schemas.md)."""
+    keys = ("id", "quantity", "value", "limit", "margin", "verdict", "worst_run")
+    return {
+        "verdict": done.verdict.value,
+        "requirements": [{key: requirement[key] for key in keys} for requirement in done.results["requirements"]],
+        "runs": done.results["runs"],
+        "evidence": str(done.folder),
+    }
+
+
+def show_verification(done: Verification) -> None:
+    """The verdict table, the bracket, the worst case, and where the report lies."""
+    console, results = _out(), done.results
+    table = Table(title=escape(results["title"] or results["study"]["file"]), title_justify="left", title_style="bold")
+    for heading in ("requirement", "quantity", "value", "± error", "limit", "margin", "worst run", "verdict"):
+        table.add_column(heading, justify="right" if heading in ("value", "± error", "limit", "margin") else "left")
+    for entry in results["requirements"]:
+        table.add_row(
+            escape(entry["id"]),
+            escape(entry["quantity"] + (f" [{entry['unit']}]" if entry["unit"] else "")),
+            _short(entry["value"]),
+            _short(entry["error"], 2),
+            _limits(entry),
+            _short(entry["margin"], 3),
+            escape(entry["worst_run"] or "–"),
+            _coloured(entry["verdict"]),
+        )
+    console.print(table)
+    for entry in results["requirements"]:
+        if entry["verdict"] != "pass":
+            console.print(f"{_coloured(entry['verdict'])}  {escape(entry['id'])}: {escape(entry['reason'])}", soft_wrap=True)
+    _show_bracket(console, results["bound"])
+    runs = results["runs"]
+    console.print(f"runs: {runs['total']} in all, {runs['passed']} passed, {runs['failed']} failed, {runs['errors']} in error")
+    for line in _worst_case(results):
+        console.print(line, soft_wrap=True)
+    console.print(f"report: {escape(str(done.report))}", soft_wrap=True)
+    console.print(f"verdict: {_coloured(done.verdict.value)}")
+
+
+def _worst_case(results: Mapping[str, Any]) -> Iterator[str]:
+    """The largest residual vibration and model mismatch of all runs, and where."""
+    for quantity in ("residual_vibration", "model_mismatch"):
+        known = [(run["quantities"][quantity]["value"], run) for run in results["run_table"] if quantity in run["quantities"]]
+        known = [(value, run) for value, run in known if value is not None]
+        if known:
+            value, run = max(known, key=lambda item: item[0])
+            where = ", ".join(f"{name} = {number:.6g}" for name, number in run["parameters"].items())
+            yield f"worst {quantity}: {value:.6g} in run {escape(run['run'])}" + (f" ({escape(where)})" if where else "")
+
+
+def show_bound(study: Study, made: Design) -> None:
+    """The bracket of the minimum time and the switch times of the command."""
+    from suite.design import bound_record
+
+    console = _out()
+    console.print(escape(study.title or study.file.name), style="bold")
+    _show_bracket(console, bound_record(made.bound, made.bound.command, made.problem.rest))
+    command = made.bound.command
+    if command is not None and made.bound.switches is not None:
+        table = Table("from, s", f"input, {escape(study.plant.input_unit or '–')}")
+        for segment in command.segments:
+            table.add_row(f"{segment.start:.10f}", f"{segment.level:.10g}")
+        table.add_row(f"{command.end:.10f}", f"{command.tail.steady:.10g}")
+        console.print(table)
+    for note in (*study.notes, *made.plant.notes):
+        console.print(f"note: {escape(note)}", soft_wrap=True)
+
+
+def _show_bracket(console: Console, bound: Mapping[str, Any]) -> None:
+    lower, upper = bound["maneuver_time"]["lower"], bound["maneuver_time"]["upper"]
+    sides = f"[{lower!r}, {'–' if upper is None else repr(upper)}] s"
+    gap = "" if upper is None or lower == 0.0 else f", gap {upper / lower - 1.0:.1e}"
+    reason = f" ({bound['reason']})" if bound.get("reason") else ""
+    console.print(escape(f"minimum time: {sides}{gap}: {bound['status']}{reason}"), soft_wrap=True)
+
+
+def show_review(done: Review) -> None:
+    """A row for each requirement, what does not agree, and the outcome."""
+    console = _out()
+    table = Table("requirement", "recorded", "recomputed", "verdict")
+    for row in done.rows:
+        table.add_row(escape(row.id), _short(number(row.recorded)), _short(number(row.recomputed)), _coloured(row.verdict))
+    if done.rows:
+        console.print(table)
+    for finding in done.findings:
+        console.print(escape(finding), soft_wrap=True)
+    console.print(f"{len(done.files)} files; review: {done.status}")
+
+
+def _coloured(verdict: str) -> str:
+    return f"[{STYLES.get(verdict, 'bold')}]{escape(verdict.upper())}[/]"
+
+
+def _short(value: float | None, digits: int = 6) -> str:
+    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+
+
+def _limits(entry: Mapping[str, Any]) -> str:
+    least = "" if entry["min"] is None else f"≥ {entry['min']:.6g}"
+    most = "" if entry["max"] is None else f"≤ {entry['max']:.6g}"
+    return " ".join(filter(None, (least, most)))

@@ -1,0 +1,64 @@
+"""From a study to the command: the plant, the problem, the bracket of the minimum time, and the command that is verified."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from relaxations.bounds import Bound, minimum_time
+from relaxations.commands import Command
+from relaxations.errors import ManeuverError
+from relaxations.maneuvers import Limits, Maneuver, Problem, problem
+from relaxations.plants import LinearPlant
+from suite.errors import ABSENT, Mistake, StudyError
+from suite.plants import nominal_plant
+from suite.study import Study
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """What a study comes to: the linear plant, the problem it poses, the bracket, and the command (None if none was found)."""
+
+    plant: LinearPlant
+    problem: Problem
+    bound: Bound
+    command: Command | None
+
+
+def pose(study: Study, plant: LinearPlant) -> Problem:
+    """The equations and limits that the study asks of `plant`; raises `StudyError` if the maneuver is refused."""
+    maneuver = Maneuver(
+        Fraction(study.maneuver.displacement),
+        Limits(Fraction(study.limits.lower), Fraction(study.limits.upper)),
+        Fraction(study.plant.initial_input),
+        study.command.robustness,
+    )
+    try:
+        return problem([plant], maneuver)
+    except ManeuverError as refused:
+        raise StudyError(str(study.file), [Mistake("maneuver", ABSENT, str(refused))]) from None
+
+
+def design(study: Study) -> Design:
+    """Bracket the study's minimum time and choose the command: the bracket's own, or the one given as a file; begun at `command.start`."""
+    plant = nominal_plant(study)
+    posed = pose(study, plant)
+    bound = minimum_time(posed)
+    command = study.command.given or bound.command
+    if command is not None and study.command.start:
+        command = command.shifted(float(study.command.start))
+    return Design(plant, posed, bound, command)
+
+
+def bound_record(bound: Bound, command: Command | None, rest: float, certificate: str | None = None) -> dict[str, object]:
+    """The object that `slewcert bound --json` prints (docs/schemas.md); `rest` is the input at the initial rest."""
+    found = {
+        "status": bound.status.name.lower(),
+        "maneuver_time": {"lower": bound.lower, "upper": bound.upper},
+        "command": None if command is None else command.to_dict(),
+        "switches": bound.switches,
+        "fuel": None if command is None else command.fuel(rest),
+        "certificate": certificate,
+        "seconds": round(bound.seconds, 6),
+    }
+    return found if bound.reason is None else {**found, "reason": bound.reason}

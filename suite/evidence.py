@@ -1,0 +1,258 @@
+"""From results to the evidence folder: `results.json` is the single source of every number that the page and JUnit show."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import math
+import platform
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relaxations.response import jumps
+from relaxations.sensitivity import residual
+from reports import charts, files, junit, layouts, logs, manifest, pages
+from reports.records import RunLog
+from suite.campaign import RunResult
+from suite.design import Design, bound_record
+from suite.observations import observe
+from suite.quantities import Observation
+from suite.study import Requirement, Study
+from suite.verdicts import Judgement, Measured, Verdict, judge_run, limit
+
+FORMAT = "slewcert-results/1"
+RESULTS, REPORT, JUNIT, LAYOUT = "results.json", "report.html", "junit.xml", "layout.json"
+SOLVERS = ("cvxpy", "clarabel", "numpy", "scipy", "fmpy", "mcap", "python-flint")
+UNPROVEN = (
+    "The bracket of the minimum time was evaluated in floating point; it carries no certificate.",
+    "Every value that a requirement is judged by was measured on simulations of the FMU at the samples of the box; between them nothing is known.",
+    "The distance between the FMU and the linear plant (model_mismatch) is measured, not proven.",
+)
+TRUST_BASE = (
+    "the FMU's own binary and its solver, run in a process of its own",
+    "the step-halving estimate of the numerical error",
+    "CPython, NumPy, SciPy, python-flint (exact poles), cvxpy and Clarabel (candidates only)",
+)
+
+
+def number(value: float | None) -> float | None:
+    """A number for JSON: null where it does not exist or is infinite."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs: Sequence[RunResult], verdict: Verdict) -> dict[str, Any]:
+    """`slewcert-results/1`: everything that was asked, found and judged, without clock times, so that equal runs give equal bytes."""
+    fmu = study.plant.fmu
+    assert fmu is not None
+    bound = bound_record(design.bound, design.command, float(study.plant.initial_input))
+    del bound["seconds"]
+    return {
+        "format": FORMAT,
+        "title": study.title,
+        "version": importlib.metadata.version("slewcert"),
+        "verdict": verdict.value,
+        "study": {"file": study.file.name, "sha256": study.sha256},
+        "plant": {
+            "name": fmu.name,
+            "fmu": fmu.archive.path.name,
+            "sha256": fmu.archive.sha256,
+            "binary_sha256": fmu.archive.binary_sha256,
+            "fmi_version": fmu.archive.description.fmi_version,
+            "tool": fmu.archive.description.tool,
+            "input": {"name": study.plant.input, "unit": study.plant.input_unit},
+            "output": {"name": study.plant.output, "unit": study.plant.output_unit},
+            "parameters": {name: float(value) for name, value in fmu.parameters.items()},
+            "poles": [[pole.value.real, pole.value.imag, pole.multiplicity] for pole in design.plant.poles],
+            "modes": [{"frequency": pole.natural_frequency, "damping": pole.damping_ratio} for pole in design.plant.flexible],
+        },
+        "task": {
+            "displacement": float(study.maneuver.displacement),
+            "input_limits": [float(study.limits.lower), float(study.limits.upper)],
+            "robustness": study.command.robustness,
+            "kind": study.command.kind,
+            "start": float(study.command.start),
+            "rest": "state",
+        },
+        "bound": bound,
+        "command": bound["command"],
+        "simulation": None if not runs else runs[0].simulation,
+        "requirements": [_requirement(judgement) for judgement in judgements],
+        "runs": tally(runs),
+        "run_table": [_run(result) for result in runs],
+        "uncertainty": [
+            {
+                "parameter": axis.parameter,
+                "unit": axis.unit,
+                "values": [float(axis.lower), float(axis.upper)],
+                "samples": axis.samples,
+            }
+            for axis in study.uncertainties
+        ],
+        "unproven": list(UNPROVEN),
+        "trust_base": list(TRUST_BASE),
+        "notes": [*study.notes, *design.plant.notes],
+        "environment": environment(),
+    }
+
+
+def environment() -> dict[str, str]:
+    """Versions of what the numbers rest on."""
+    return {"python": platform.python_version(), "platform": platform.machine()} | {name: importlib.metadata.version(name) for name in SOLVERS}
+
+
+def tally(runs: Sequence[RunResult]) -> dict[str, int]:
+    """Runs in all, and by verdict; an undecided run counts as none of these."""
+    verdicts = [result.verdict.value for result in runs]
+    return {"total": len(runs), "passed": verdicts.count("pass"), "failed": verdicts.count("fail"), "errors": verdicts.count("error")}
+
+
+def _requirement(judgement: Judgement) -> dict[str, Any]:
+    asked, measured = judgement.requirement, judgement.measured
+    return {
+        "id": asked.id,
+        "text": asked.text,
+        "quantity": str(asked.quantity),
+        "scope": asked.scope,
+        "min": asked.minimum,
+        "max": asked.maximum,
+        "unit": asked.unit,
+        "value": number(measured.value) if measured else None,
+        "error": number(measured.error) if measured else None,
+        "limit": limit(asked, measured.value) if measured else (asked.maximum if asked.maximum is not None else asked.minimum),
+        "margin": number(judgement.margin),
+        "verdict": judgement.verdict.value,
+        "worst_run": judgement.worst_run,
+        "reason": judgement.reason,
+    }
+
+
+def _run(result: RunResult) -> dict[str, Any]:
+    return {
+        "run": result.name,
+        "parameters": {name: float(value) for name, value in result.parameters.items()},
+        "nominal": result.nominal,
+        "status": result.status.name.lower(),
+        "detail": result.detail,
+        "verdict": result.verdict.value,
+        "quantities": {name: {"value": number(m.value), "error": number(m.error)} for name, m in result.measured.items()},
+        "log": result.log,
+        "sha256": result.sha256,
+    }
+
+
+def write(folder: Path, results: Mapping[str, Any], study: Study, design: Design, runs: Sequence[RunResult]) -> Path:
+    """Write everything but the logs (which are there) and close the folder with its manifest; returns the report's path."""
+    fmu = study.plant.fmu
+    assert fmu is not None
+    files.write_atomically(folder / "study.toml", study.source)
+    files.write_atomically(folder / "plant" / "modelDescription.xml", fmu.archive.description_xml)
+    if fmu.archive.twin is not None:
+        files.write_atomically(folder / "plant" / "twin.toml", fmu.archive.twin.encode())
+    hashes = {"fmu": fmu.archive.path.name, "sha256": fmu.archive.sha256, "binary_sha256": fmu.archive.binary_sha256}
+    files.write_atomically(folder / "plant" / "hashes.json", files.json_bytes(hashes))
+    files.write_atomically(folder / RESULTS, files.json_bytes(results))
+    files.write_atomically(folder / JUNIT, junit.junit_bytes(results))
+    kept = {result.name: logs.read_log(folder / result.log) for result in runs if result.log is not None}
+    drawings = draw(results, design, study.requirements, kept)
+    files.write_atomically(folder / REPORT, pages.render(results, drawings).encode())
+    if kept:
+        layout = layouts.layout_bytes(next(iter(kept.values())).signals)
+        files.write_atomically(folder / "runs" / LAYOUT, layout)
+    extra = {"slewcert": results["version"], "seed": study.simulation.seed, "environment": environment(), "fmu_sha256": fmu.archive.sha256}
+    manifest.write_manifest(folder, extra)
+    return folder / REPORT
+
+
+def draw(
+    results: Mapping[str, Any], design: Design, requirements: Sequence[Requirement], kept: Mapping[str, RunLog]
+) -> dict[str, str]:
+    """The page's charts (SVG by title): the worst and the nominal run, the sweep of each requirement, the sensitivity of the command."""
+    drawings: dict[str, str] = {}
+    chosen = dict.fromkeys([*(r["run"] for r in results["run_table"] if r["nominal"]), *(r["worst_run"] for r in results["requirements"])])
+    shown = [name for name in chosen if name in kept and any(s.topic == "/plant/input" for s in kept[name].signals)]
+    for name in shown[:4]:
+        parameters = next(r["parameters"] for r in results["run_table"] if r["run"] == name)
+        title = f"Run {name}" + "".join(f", {key} = {value:.6g}" for key, value in parameters.items())
+        drawings[title] = _response_chart(title, results, observe(kept[name]), requirements)
+    for axis in results["uncertainty"]:
+        others = [other["parameter"] for other in results["uncertainty"] if other is not axis]
+        for requirement in requirements:
+            if requirement.scope == "box":
+                drawings |= _sweep_chart(results, axis, others, requirement)
+    if design.plant.flexible and design.command is not None:
+        drawings["Sensitivity of the command"] = _sensitivity_chart(design, results)
+    return drawings
+
+
+def _response_chart(title: str, results: Mapping[str, Any], run: Observation, requirements: Sequence[Requirement]) -> str:
+    bounds = [r.maximum for r in requirements if r.quantity.name == "residual_vibration" and r.maximum is not None]
+    entry, output = results["plant"]["input"], results["plant"]["output"]
+    return charts.command_and_response(
+        title,
+        run.times,
+        run.input,
+        run.output,
+        start=run.command.start,
+        end=run.command.end,
+        target=run.target,
+        displacement=run.scale,
+        command_label=f"{entry['name']} [{entry['unit']}]",
+        output_label=f"{output['name']} [{output['unit']}]",
+        input_limits=tuple(results["task"]["input_limits"]),
+        linear=run.linear,
+        tolerance=min(bounds, default=None),
+    )
+
+
+def _sweep_chart(results: Mapping[str, Any], axis: Mapping[str, Any], others: Sequence[str], requirement: Requirement) -> dict[str, str]:
+    nominal = next(run for run in results["run_table"] if run["nominal"])
+    quantity = str(requirement.quantity)
+    line = [
+        run
+        for run in results["run_table"]
+        if all(run["parameters"][other] == nominal["parameters"][other] for other in others)
+        and run["quantities"].get(quantity, {}).get("value") is not None
+    ]
+    if not line:
+        return {}
+    line.sort(key=lambda run: run["parameters"][axis["parameter"]])
+    scale, unit = (100.0, "% of move") if quantity in ("residual_vibration", "final_error", "overshoot") else (1.0, requirement.unit)
+    bounds = [(which, value) for which, value in (("least", requirement.minimum), ("most", requirement.maximum)) if value is not None]
+    title = f"{requirement.id}: {quantity} over {axis['parameter']}"
+    return {
+        title: charts.sweep(
+            title,
+            [run["parameters"][axis["parameter"]] for run in line],
+            [scale * run["quantities"][quantity]["value"] for run in line],
+            parameter_label=f"{axis['parameter']} [{axis['unit']}]",
+            quantity_label=f"{quantity} [{unit}]" if unit else quantity,
+            verdicts=[_mark(requirement, run["quantities"][quantity]) for run in line],
+            errors=[scale * (run["quantities"][quantity]["error"] or 0.0) for run in line],
+            limits=[charts.Limit(scale * value, f"{which} allowed") for which, value in bounds],
+            nominal=nominal["parameters"][axis["parameter"]],
+        )
+    }
+
+
+def _mark(requirement: Requirement, entry: Mapping[str, Any]) -> str:
+    return judge_run(requirement, Measured(entry["value"], entry["error"] or 0.0)).value
+
+
+def _sensitivity_chart(design: Design, results: Mapping[str, Any]) -> str:
+    """The peak residual of each mode against its relative frequency: impulses through the mode's share of the output."""
+    command = design.command
+    assert command is not None
+    table = jumps(command, design.problem.rest)
+    factors = np.linspace(0.5, 1.5, 401)
+    curves = {}
+    partial = design.plant.partial()
+    for pole, residues in zip(design.plant.poles, partial.residues, strict=True):
+        if not pole.is_flexible:
+            continue
+        # Scaling a mode keeps its static gain, so the amplitude after a unit jump stays 2|r/p|.
+        amplitude = 2 * abs(residues[0] / pole.value) / abs(results["task"]["displacement"])
+        curve = residual(table[:, 0], table[:, 1], factors * pole.natural_frequency, pole.damping_ratio)
+        curves[f"mode {len(curves) + 1}: {pole.natural_frequency:.4g} rad/s"] = 100.0 * amplitude * curve
+    return charts.sensitivity("Sensitivity of the command", factors, curves)

@@ -1,0 +1,65 @@
+"""From a study to linear plants: the nominal one, and the one at any place in the box."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from decimal import Decimal
+from fractions import Fraction
+
+from fmus.errors import FmuError
+from fmus.twins import linear_plant as twin_plant
+from fmus.twins import read_twin
+from relaxations.errors import PlantError
+from relaxations.plants import LinearPlant
+from suite.errors import ABSENT, Mistake, StudyError
+from suite.study import FmuPlant, ModalPlant, Plant, RootsPlant, StateSpacePlant, Study, TransferPlant
+
+Value = Fraction | Decimal | float
+
+
+def nominal_plant(study: Study) -> LinearPlant:
+    """The plant with the study's own parameters; raises `StudyError` at `plant` if there is no linear plant that can be used."""
+    return plant_at(study, {})
+
+
+def plant_at(study: Study, parameters: Mapping[str, Value]) -> LinearPlant:
+    """The plant with some parameters changed (each in its own unit); raises `StudyError` as `nominal_plant` does."""
+    try:
+        return linear_plant(study.plant, parameters)
+    except PlantError as problem:
+        place = "".join(f" at {name} = {float(value):.10g}" for name, value in parameters.items())
+        raise StudyError(str(study.file), [Mistake("plant", ABSENT, f"{problem}{place}")]) from problem
+
+
+def linear_plant(plant: Plant, parameters: Mapping[str, Value] | None = None) -> LinearPlant:
+    """The linear plant in exact numbers: as written, or an FMU's twin with `parameters` over the study's own.
+
+    Raises `PlantError` if it is improper, has a zero at the origin, is not moved by the input … (the message says which).
+    """
+    changed = dict(parameters or {})
+    source = plant.source
+    if changed and not isinstance(source, FmuPlant):
+        raise PlantError(f"a plant given as numbers has no parameter {', '.join(changed)}")
+    match source:
+        case TransferPlant():
+            return LinearPlant.from_transfer(source.numerator, source.denominator)
+        case RootsPlant():
+            return LinearPlant.from_zeros_poles(source.zeros, source.poles, source.gain)
+        case ModalPlant():
+            return LinearPlant.from_modes(source.rigid, source.modes)
+        case StateSpacePlant():
+            return LinearPlant.from_state_space(source.A, source.B, source.C, source.D, source.outputs)
+        case FmuPlant():
+            return _twin(source, plant, {**source.parameters, **changed})
+
+
+def _twin(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value]) -> LinearPlant:
+    if fmu.archive.twin is None:
+        raise PlantError(f"{fmu.archive.path.name} brings no linear twin (resources/twin.toml)")
+    try:
+        twin = read_twin(fmu.archive.twin, parameters)
+        if twin.input != plant.input:
+            raise PlantError(f"the linear twin of {fmu.archive.path.name} describes the input {twin.input!r}, not {plant.input!r}")
+        return twin_plant(twin, plant.output)
+    except FmuError as problem:
+        raise PlantError(str(problem)) from None

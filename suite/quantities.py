@@ -1,0 +1,205 @@
+"""Every quantity that a requirement may name, implemented once: the same code judges a run live and in review.
+
+A quantity looks at an `Observation`, which holds nothing but what the run's log holds. Definitions: docs/quantities.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relaxations.commands import Command
+from relaxations.response import jumps
+from relaxations.sensitivity import insensitivity
+from suite.quantity_names import Quantity
+
+Reals = NDArray[np.float64]
+
+UNDAMPED = 1e-4  # damping ratios below this count as undamped
+DECAYED = 1e-3  # amplitude to which a damped mode must have decayed for its last value to be its rest value
+PERIODS, MOST_PERIODS = 20, 200  # slowest periods observed after the move: at least, and at most
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What a run is measured against: Δ and the initial rest (input and output units), the run's own modes, the bracket of the design."""
+
+    displacement: float
+    rest_input: float
+    rest_output: float
+    modes: tuple[tuple[float, float], ...]  # flexible modes of the run's own plant: (natural frequency [rad/s], damping ratio)
+    slowest_period: float | None  # [s]; None without flexible modes
+    decayed: bool  # whether every mode has decayed when the observed window ends
+    lower: float | None = None  # bracket of the minimum time [s]
+    upper: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """One run: signals at the communication points (n,), every logged variable by its FMU name, the command, and the facts."""
+
+    times: Reals
+    input: Reals  # the value applied from each instant on
+    output: Reals
+    linear: Reals  # what the linear plant's output would be
+    variables: Mapping[str, Reals]
+    command: Command
+    facts: Facts
+
+    @property
+    def scale(self) -> float:
+        """|Δ|."""
+        return abs(self.facts.displacement)
+
+    @property
+    def target(self) -> float:
+        """y_0 + Δ."""
+        return self.facts.rest_output + self.facts.displacement
+
+    @property
+    def after(self) -> NDArray[np.bool_]:
+        """The samples from the end of the move on."""
+        return self.times >= self.command.end
+
+
+def _extremes(times: Reals, values: Reals) -> tuple[float, float]:
+    """Least and greatest value of a smooth signal: the samples, and the vertices of the parabolas through every three of them."""
+    low, high = float(values.min()), float(values.max())
+    if len(values) < 3:
+        return low, high
+    t0, t1, t2 = times[:-2], times[1:-1], times[2:]
+    y0, y1, y2 = values[:-2], values[1:-1], values[2:]
+    first, second = (y1 - y0) / (t1 - t0), (y2 - y1) / (t2 - t1)
+    curvature = (second - first) / (t2 - t0)
+    turning = (first * second < 0) & (curvature != 0.0)
+    if turning.any():
+        slope = first[turning] + curvature[turning] * (t1 - t0)[turning]  # of the parabola at t1
+        vertex = y1[turning] - slope**2 / (4 * curvature[turning])
+        low, high = min(low, float(vertex.min())), max(high, float(vertex.max()))
+    return low, high
+
+
+def _rest_output(run: Observation) -> float:
+    """y(∞): the last value if the modes have decayed, else the middle of the last full slowest period."""
+    if run.facts.decayed or run.facts.slowest_period is None:
+        return float(run.output[-1])
+    last = run.times >= max(run.times[-1] - run.facts.slowest_period, run.command.end)
+    low, high = _extremes(run.times[last], run.output[last])
+    return (low + high) / 2
+
+
+def _residual_vibration(run: Observation, quantity: Quantity) -> float:
+    rest = _rest_output(run)
+    low, high = _extremes(run.times[run.after], run.output[run.after])
+    return max(high - rest, rest - low) / run.scale
+
+
+def _final_error(run: Observation, quantity: Quantity) -> float:
+    return abs(_rest_output(run) - run.target) / run.scale
+
+
+def _settling_time(run: Observation, quantity: Quantity) -> float:
+    band = float(quantity.level or 0) * run.scale
+    outside = np.abs(run.output - run.target) - band
+    over = np.flatnonzero(outside > 0)
+    if not len(over):
+        return 0.0
+    last = over[-1]
+    if last == len(run.times) - 1:
+        return math.inf  # not settled within the observed window
+    share = outside[last] / (outside[last] - outside[last + 1])
+    return float(run.times[last] + share * (run.times[last + 1] - run.times[last]))
+
+
+def _overshoot(run: Observation, quantity: Quantity) -> float:
+    beyond = (run.output - run.target) * math.copysign(1.0, run.facts.displacement)
+    return max(float(beyond.max()) / run.scale, 0.0)
+
+
+def _fuel(run: Observation, quantity: Quantity) -> float:
+    widths = np.diff(np.minimum(run.times, run.command.end))
+    return float(np.sum(np.abs(run.input[:-1] - run.facts.rest_input) * widths))
+
+
+def _peak_rate(run: Observation, quantity: Quantity) -> float:
+    table = jumps(run.command, run.facts.rest_input)
+    joins = table[:-1] if run.command.tail.terms else table
+    size = float(np.abs(run.input).max())
+    ended = run.command([run.command.end])[0] - _before_end(run)
+    if np.abs(joins[:, 1]).max(initial=0.0) > 1e-12 * size or abs(ended) > 1e-12 * size:
+        return math.inf  # a jump
+    slopes = [abs(segment.slope) for segment in run.command.segments]
+    steps = np.diff(run.input[run.after]) / np.diff(run.times[run.after])
+    return max([*slopes, float(np.abs(steps).max(initial=0.0))])
+
+
+def _before_end(run: Observation) -> float:
+    """The input just before the end of the move."""
+    if not run.command.segments:
+        return run.facts.rest_input
+    last = run.command.segments[-1]
+    return last.level + last.slope * (run.command.end - last.start)
+
+
+def _insensitivity(run: Observation, quantity: Quantity) -> float:
+    if not run.facts.modes:
+        return math.inf
+    table = jumps(run.command, run.facts.rest_input)
+    unit = float(np.abs(run.input - run.facts.rest_input).max())
+    level = float(quantity.level or 0)
+    return min(insensitivity(table[:, 0], table[:, 1] / unit, frequency, damping, level) for frequency, damping in run.facts.modes)
+
+
+def _optimality_gap(run: Observation, quantity: Quantity) -> float:
+    lower, upper = run.facts.lower, run.facts.upper
+    if lower is None or upper is None:
+        return math.inf
+    if lower == 0.0:
+        return 0.0 if upper == 0.0 else math.inf
+    return upper / lower - 1.0
+
+
+def _variable(run: Observation, quantity: Quantity) -> Reals:
+    return run.variables[quantity.variable or ""]
+
+
+DEFINITIONS: Mapping[str, Callable[[Observation, Quantity], float]] = {
+    "maneuver_time": lambda run, quantity: run.command.maneuver_time,
+    "optimality_gap": _optimality_gap,
+    "residual_vibration": _residual_vibration,
+    "final_error": _final_error,
+    "settling_time": _settling_time,
+    "overshoot": _overshoot,
+    "fuel": _fuel,
+    "peak_input": lambda run, quantity: float(np.abs(run.input).max()),
+    "peak_rate": _peak_rate,
+    "peak": lambda run, quantity: float(np.abs(_variable(run, quantity) - _variable(run, quantity)[0]).max()),
+    "final": lambda run, quantity: float(_variable(run, quantity)[-1]),
+    "insensitivity": _insensitivity,
+    "model_mismatch": lambda run, quantity: float(np.abs(run.output - run.linear).max()) / run.scale,
+}
+
+
+def evaluate(run: Observation, quantity: Quantity) -> float:
+    """The value of a quantity on one run; infinite where it does not exist (the rate of a jump, a run that never settles)."""
+    return DEFINITIONS[quantity.name](run, quantity)
+
+
+def window(modes: tuple[tuple[float, float], ...], real_rates: tuple[float, ...], maneuver_time: float) -> tuple[float, float | None, bool]:
+    """How long to observe after the move [s], the slowest period [s], and whether everything has decayed by then.
+
+    `modes` (frequency [rad/s], damping ratio) of the run's plant; `real_rates` its real poles [1/s].
+    """
+    if not modes:
+        rates = [abs(rate) for rate in real_rates if rate != 0.0]
+        return (math.log(1 / DECAYED) / min(rates) if rates else maneuver_time), None, True
+    slowest = max(2 * math.pi / frequency for frequency, _ in modes)
+    most = MOST_PERIODS * slowest
+    decays = [math.log(1 / DECAYED) / (damping * frequency) for frequency, damping in modes if damping >= UNDAMPED]
+    undamped = any(damping < UNDAMPED for _, damping in modes)
+    wanted = max([PERIODS * slowest, *decays])
+    return min(wanted, most), slowest, not undamped and wanted <= most

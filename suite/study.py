@@ -1,0 +1,206 @@
+"""The study: what is asked of which plant, as meant. `load_study` reads one from its TOML file and reports every mistake at once.
+
+Numbers that a proof rests on (plant, maneuver, limits, parameter ranges) stay exact decimals; the others are floats.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from decimal import Decimal
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from relaxations.commands import Command
+from suite.errors import StudyError
+from suite.quantity_names import Quantity
+
+if TYPE_CHECKING:
+    from fmus.archives import Fmu
+
+Exact = Decimal
+Complex = tuple[Decimal, Decimal]
+"""(re, im)."""
+
+
+@dataclass(frozen=True, slots=True)
+class FmuPlant:
+    """An FMU and the start values that the study sets on it; `name` as written in the study."""
+
+    name: str
+    archive: Fmu
+    parameters: Mapping[str, Decimal] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class TransferPlant:
+    """Polynomials, highest power of s first."""
+
+    numerator: tuple[Decimal, ...]
+    denominator: tuple[Decimal, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RootsPlant:
+    """`gain ∏(s - z) / ∏(s - p)`."""
+
+    zeros: tuple[Complex, ...]
+    poles: tuple[Complex, ...]
+    gain: Decimal
+
+
+@dataclass(frozen=True, slots=True)
+class StateSpacePlant:
+    """`x' = A x + B u`, `y = C x + D u`, and further outputs by name (rows of C)."""
+
+    A: tuple[tuple[Decimal, ...], ...]
+    B: tuple[Decimal, ...]
+    C: tuple[Decimal, ...]
+    D: Decimal = Decimal(0)
+    outputs: Mapping[str, tuple[Decimal, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class ModalPlant:
+    """`rigid/s² + Σ gain/(s² + 2ζωs + ω²)`; each mode is (ω [rad/s], ζ, gain)."""
+
+    rigid: Decimal
+    modes: tuple[tuple[Decimal, Decimal, Decimal], ...]
+
+
+Source = FmuPlant | TransferPlant | RootsPlant | StateSpacePlant | ModalPlant
+
+
+@dataclass(frozen=True, slots=True)
+class Plant:
+    """The plant, the names and units of its input and controlled output, and its input at the initial rest (u_0, input units)."""
+
+    source: Source
+    input: str
+    output: str
+    input_unit: str = ""
+    output_unit: str = ""
+    initial_input: Decimal = Decimal(0)
+
+    @property
+    def fmu(self) -> FmuPlant | None:
+        """The FMU, if the plant is one."""
+        return self.source if isinstance(self.source, FmuPlant) else None
+
+
+@dataclass(frozen=True, slots=True)
+class Maneuver:
+    """Move the output by `displacement` (output units), from rest to rest."""
+
+    displacement: Decimal
+
+    @property
+    def scale(self) -> Decimal:
+        """|Δ|, by which relative quantities are divided."""
+        return abs(self.displacement)
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """`lower ≤ u(t) ≤ upper`, absolute, input units."""
+
+    lower: Decimal
+    upper: Decimal
+
+
+@dataclass(frozen=True, slots=True)
+class CommandRequest:
+    """What command is asked for: the fastest one with `robustness` further zeros at each flexible mode, or the one in `file` (`given`).
+
+    It begins `start` seconds after the beginning of a run.
+    """
+
+    kind: Literal["time-optimal", "file"] = "time-optimal"
+    robustness: int = 0
+    start: Decimal = Decimal(0)
+    file: Path | None = None
+    given: Command | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """How runs are simulated: communication `step`, window `observe` (None: chosen from the modes), `timeout` of one run; all [s]."""
+
+    step: float | None = None
+    observe: float | None = None
+    timeout: float = 60.0
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """An FMU parameter that lies in [lower, upper] (its own `unit`), sampled at `samples` equally spaced values."""
+
+    parameter: str
+    lower: Decimal
+    upper: Decimal
+    samples: int
+    unit: str = ""
+
+    @property
+    def values(self) -> tuple[Fraction, ...]:
+        """The samples, exact, both ends included; one sample is the middle."""
+        lower, upper = Fraction(self.lower), Fraction(self.upper)
+        if self.samples == 1:
+            return ((lower + upper) / 2,)
+        return tuple(lower + (upper - lower) * Fraction(i, self.samples - 1) for i in range(self.samples))
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """`minimum ≤ quantity ≤ maximum`, limits included, for the nominal plant or the whole box. `unit` is empty for pure numbers."""
+
+    id: str
+    text: str
+    quantity: Quantity
+    minimum: float | None
+    maximum: float | None
+    unit: str
+    scope: Literal["nominal", "box"]
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """One study. `source` holds the file's bytes, `notes` what a reader should know about keys that change nothing."""
+
+    title: str
+    file: Path
+    source: bytes
+    plant: Plant
+    maneuver: Maneuver
+    limits: Limits
+    command: CommandRequest
+    simulation: Simulation
+    uncertainties: tuple[Uncertainty, ...]
+    requirements: tuple[Requirement, ...]
+    keep_logs: Literal["worst", "all"]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sha256(self) -> str:
+        """The file's hash (hexadecimal)."""
+        return hashlib.sha256(self.source).hexdigest()
+
+
+def load_study(path: Path | str) -> Study:
+    """The study in a TOML file. Opens its FMU (a shipped one is built if need be) but runs none of its code.
+
+    Raises `StudyError` with every mistake that could be found: wrong syntax, unknown keys, values out of range, keys that contradict each
+    other or the FMU, and keys whose meaning this version cannot honour.
+    """
+    from suite.study_file import parse, read_source  # here, because what follows brings pydantic along
+    from suite.study_meaning import understand
+
+    file = Path(path)
+    source = read_source(file)
+    study, mistakes = understand(parse(file, source), file, source)
+    if study is None or mistakes:
+        raise StudyError(str(file), mistakes)
+    return study

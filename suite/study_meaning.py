@@ -1,0 +1,219 @@
+"""From the sections as written to the study as meant: names looked up in the plant, defaults filled in, the task itself examined."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from decimal import Decimal
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, TypeVar
+
+from relaxations.commands import Command
+from relaxations.errors import CommandError, PlantError
+from suite import schema
+from suite.errors import ABSENT, Mistake
+from suite.plants import linear_plant
+from suite.quantity_names import Quantity, UnitKind, parse_quantity
+from suite.study import CommandRequest, Limits, Maneuver, Plant, Requirement, Simulation, Study, Uncertainty
+from suite.study_plant import PlantNames, understand_plant
+from suite.study_rules import contradictions, unsupported
+
+GRID = 11  # samples of one parameter, unless said otherwise
+TRIED = 200  # plants of one axis that are built to see whether they exist: 0.5 ms each
+LINEAR_PARAMETER = re.compile(r"(mode\[[1-9]\d*\]\.(frequency|damping)|zero\[[1-9]\d*\])\Z")
+PURE_UNITS = {"1", "-", "–"}
+Item = TypeVar("Item")
+
+
+def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Study | None, list[Mistake]]:
+    """The study in a parsed file, or None and everything that is wrong with it, in the order of the sections."""
+    written, mistakes = schema.read_sections(data)
+    wrong = {mistake.path for mistake in mistakes}
+    mistakes += [mistake for mistake in unsupported(data) if mistake.path not in wrong]
+    mistakes += contradictions(written)
+    plant, names = None, None
+    if written.plant is not None:
+        plant, names, more = understand_plant(written.plant, file.parent)
+        mistakes += more
+    requirements = tuple(
+        _requirement(item, i, plant, names, bool(written.uncertainty), mistakes) for i, item in _items(written.requirement)
+    )
+    uncertainties = tuple(_uncertainty(item, i, names, mistakes) for i, item in _items(written.uncertainty))
+    command = _command(written.command, file.parent, mistakes) if written.command else None
+    if plant is not None and written.maneuver is not None and written.limits is not None:
+        _task(plant, written.maneuver.displacement, written.limits.input, mistakes)
+        _box(plant, [(i, axis) for i, axis in enumerate(uncertainties, 1) if axis is not None], mistakes)
+    if mistakes or plant is None or command is None or not (written.maneuver and written.limits and written.simulation and written.keep):
+        return None, _in_order(mistakes)
+    study = Study(
+        title=written.title or file.stem,
+        file=file,
+        source=source,
+        plant=plant,
+        maneuver=Maneuver(written.maneuver.displacement),
+        limits=Limits(*written.limits.input),
+        command=command,
+        simulation=_simulation(written.simulation),
+        uncertainties=tuple(axis for axis in uncertainties if axis is not None),
+        requirements=tuple(requirement for requirement in requirements if requirement is not None),
+        keep_logs=written.keep.logs,
+        notes=tuple(_notes(written.command)),
+    )
+    return study, []
+
+
+def _items(items: tuple[Item | None, ...]) -> list[tuple[int, Item]]:
+    return [(i, item) for i, item in enumerate(items, 1) if item is not None]
+
+
+def _in_order(mistakes: list[Mistake]) -> list[Mistake]:
+    """Sorted by section, each mistake once."""
+    sections = ["title", *schema.KEYS]
+
+    def rank(mistake: Mistake) -> tuple[int, int]:
+        section, item = re.fullmatch(r"([^.\[]*)(?:\[(\d+)\])?.*", mistake.path, flags=re.DOTALL).groups()  # type: ignore[union-attr]
+        return (sections.index(section) if section in sections else -1, int(item or 0))
+
+    unique = {(mistake.path, mistake.message): mistake for mistake in mistakes}
+    return sorted(unique.values(), key=rank)
+
+
+def _task(plant: Plant, displacement: Decimal, limits: tuple[Decimal, Decimal], mistakes: list[Mistake]) -> None:
+    """The limits contain the input at both rests, and the plant is one that can rest."""
+    lower, upper = limits
+    rest = plant.initial_input
+    if not lower <= rest <= upper:
+        mistakes.append(Mistake("limits.input", [lower, upper], f"must contain the input at the initial rest, {rest}"))
+    if plant.fmu is not None and plant.fmu.archive.twin is None:
+        return  # only running its code, which reading a study does not, can tell
+    try:
+        final = Fraction(rest) + linear_plant(plant).rest_input(Fraction(displacement))
+    except PlantError as problem:
+        mistakes.append(Mistake("plant", ABSENT, str(problem)))
+        return
+    if final != rest and not lower <= final <= upper:
+        mistakes.append(
+            Mistake("limits.input", [lower, upper], f"must contain the input that holds the plant at its final rest, {float(final):.10g}")
+        )
+
+
+def _box(plant: Plant, axes: list[tuple[int, Uncertainty]], mistakes: list[Mistake]) -> None:
+    """Every sample of each axis by itself is a plant: no mass is zero. Of very fine grids only the ends are tried."""
+    if plant.fmu is None or plant.fmu.archive.twin is None:
+        return
+    for item, axis in axes:
+        for value in axis.values if axis.samples <= TRIED else (axis.lower, axis.upper):
+            try:
+                linear_plant(plant, {axis.parameter: value})
+            except PlantError as problem:
+                place = f"at {axis.parameter} = {float(value):.10g}"
+                mistakes.append(Mistake(f"uncertainty[{item}].range", [axis.lower, axis.upper], f"{place}: {problem}"))
+                break
+
+
+def _command(written: schema.Command, folder: Path, mistakes: list[Mistake]) -> CommandRequest | None:
+    start = written.start or Decimal(0)
+    if written.kind == "file":
+        if written.file is None:
+            return None
+        path = (folder / written.file).expanduser()
+        try:
+            return CommandRequest("file", start=start, file=path, given=Command.from_json(path.read_text(encoding="utf-8")))
+        except OSError as problem:
+            mistakes.append(Mistake("command.file", written.file, f"{path} cannot be read: {problem.strerror}"))
+        except UnicodeDecodeError:
+            mistakes.append(Mistake("command.file", written.file, f"{path} is no text file; a command file is JSON"))
+        except CommandError as problem:
+            mistakes.append(Mistake("command.file", written.file, f"{path}: {problem}"))
+        return None
+    robustness = written.robustness or 0
+    return CommandRequest("time-optimal", robustness=robustness, start=start) if isinstance(robustness, int) else None
+
+
+def _simulation(written: schema.Simulation) -> Simulation:
+    default = Simulation()
+    return Simulation(
+        step=None if written.step is None else float(written.step),
+        observe=None if written.observe is None else float(written.observe),
+        timeout=default.timeout if written.timeout is None else float(written.timeout),
+        seed=default.seed if written.seed is None else written.seed,
+    )
+
+
+def _uncertainty(written: schema.Uncertainty, item: int, names: PlantNames | None, mistakes: list[Mistake]) -> Uncertainty | None:
+    path, parameter = f"uncertainty[{item}].parameter", written.parameter
+    if LINEAR_PARAMETER.match(parameter):
+        mistakes.append(Mistake(path, parameter, "is not supported by this version; parameters of an FMU are supported"))
+        return None
+    if names is None or written.range is None:
+        return None
+    try:
+        unit = names.parameter(parameter)
+    except ValueError as problem:
+        mistakes.append(Mistake(path, parameter, str(problem)))
+        return None
+    return Uncertainty(parameter, *written.range, GRID if written.samples is None else written.samples, unit)
+
+
+def _requirement(
+    written: schema.Requirement, item: int, plant: Plant | None, names: PlantNames | None, has_box: bool, mistakes: list[Mistake]
+) -> Requirement | None:
+    path, unit = f"requirement[{item}]", ""
+    try:
+        quantity = parse_quantity(written.quantity)
+        if names is not None and quantity.variable is not None:
+            name, unit = names.logged(quantity.variable)
+            quantity = Quantity(quantity.name, variable=name)
+    except ValueError as problem:
+        mistakes.append(Mistake(f"{path}.quantity", written.quantity, str(problem)))
+        return None
+    if plant is None:
+        return None
+    unit = _unit(quantity.unit_kind, plant, unit)
+    if written.unit is not None and (complaint := _unit_complaint(written.unit, unit, quantity, plant)):
+        mistakes.append(Mistake(f"{path}.unit", written.unit, complaint))
+    minimum, maximum = (None if limit is None else float(limit) for limit in (written.min, written.max))
+    scope = written.scope or ("box" if has_box else "nominal")
+    return Requirement(written.id, written.text or "", quantity, minimum, maximum, unit, scope)
+
+
+def _unit(kind: UnitKind, plant: Plant, variable: str) -> str:
+    """A quantity's unit; empty for pure numbers, and where the plant does not say."""
+    match kind:
+        case UnitKind.NONE:
+            return ""
+        case UnitKind.SECOND:
+            return "s"
+        case UnitKind.VARIABLE:
+            return variable
+        case UnitKind.INPUT:
+            return plant.input_unit
+        case UnitKind.INPUT_SECOND:
+            return f"{plant.input_unit}·s" if plant.input_unit else ""
+        case UnitKind.INPUT_PER_SECOND:
+            return f"{plant.input_unit}/s" if plant.input_unit else ""
+
+
+def _unit_complaint(asked: str, unit: str, quantity: Quantity, plant: Plant) -> str | None:
+    """Why a requirement's unit is wrong; units are compared, not converted."""
+    if quantity.unit_kind is UnitKind.NONE:
+        return None if asked.strip() in PURE_UNITS else f'{quantity} is a pure number; valid is "1", or no unit'
+    if not unit:
+        return f"the unit of {quantity} is not known ({'the FMU declares none' if plant.fmu else 'numbers have none'}); leave unit out"
+    return None if _plain(asked) == _plain(unit) else f'{quantity} is measured in "{unit}", and units are not converted'
+
+
+def _plain(unit: str) -> str:
+    """A unit with every sign for a product written as FMI does."""
+    return re.sub(r"\s*[·⋅*.\s]\s*", ".", unit.strip())
+
+
+def _notes(command: schema.Command | None) -> list[str]:
+    if command is None or command.robustness == "box":
+        return []
+    return [
+        f'command.{key} changes nothing here: it belongs to robustness = "box", and this command brings the nominal plant exactly to rest'
+        for key in ("tolerance", "final_tolerance")
+        if getattr(command, key) is not None
+    ]

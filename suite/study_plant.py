@@ -1,0 +1,197 @@
+"""The `[plant]` section as meant: which of its forms is used, whether it is complete, and what an FMU has to say about the names in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+
+from fmus.archives import Fmu, open_archive
+from fmus.descriptions import Description, Variable
+from fmus.errors import FmuError
+from suite import schema
+from suite.errors import ABSENT, Mistake
+from suite.study import FmuPlant, ModalPlant, Plant, RootsPlant, Source, StateSpacePlant, TransferPlant
+from suite.suggestions import did_you_mean
+
+FORMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "fmu": (("fmu",), ()),
+    "numerator, denominator": (("numerator", "denominator"), ()),
+    "zeros, poles, gain": (("poles", "gain"), ("zeros",)),
+    "A, B, C, D": (("A", "B", "C"), ("D",)),
+    "modes, rigid": ((), ("modes", "rigid")),
+}
+"""Every form's necessary and optional keys."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlantNames:
+    """What requirements and uncertainties may name: an FMU's variables, or the outputs of a plant given as numbers."""
+
+    description: Description | None
+    outputs: tuple[str, ...]
+    controlled: str
+
+    def logged(self, name: str) -> tuple[str, str]:
+        """Name and unit of a variable that can be logged (`output` is the controlled one); raises `ValueError` with a sentence."""
+        if self.description is None:
+            if name not in self.outputs:
+                raise ValueError(f'the plant has no output "{name}"{did_you_mean(name, self.outputs)}; it has {", ".join(self.outputs)}')
+            return name, ""
+        if name == "output" and "output" not in self.description.names():
+            name = self.controlled
+        try:
+            return name, self.description.readable(name).unit
+        except FmuError as problem:
+            raise ValueError(str(problem)) from None
+
+    def parameter(self, name: str) -> str:
+        """The unit of an FMU's parameter; raises `ValueError` with a sentence."""
+        if self.description is None:
+            raise ValueError(
+                "names an FMU's parameter, but the plant is given as numbers; valid are mode[i].frequency, mode[i].damping, zero[i]"
+            )
+        try:
+            return self.description.settable_parameter(name).unit
+        except FmuError as problem:
+            raise ValueError(str(problem)) from None
+
+
+def understand_plant(written: schema.Plant, folder: Path) -> tuple[Plant | None, PlantNames | None, list[Mistake]]:
+    """The plant, its names, and the mistakes in its section; paths of FMUs start from `folder`."""
+    mistakes: list[Mistake] = []
+    form = _form(written, mistakes)
+    if form is None:
+        return None, None, mistakes
+    if form == "fmu":
+        return _fmu_plant(written, folder, mistakes)
+    _refuse(written, ("parameters",), "belongs to an FMU; here the numbers themselves are the plant", mistakes)
+    if form != "A, B, C, D":
+        _refuse(written, ("outputs",), "holds rows of C, so it belongs to the form A, B, C, D", mistakes)
+    source = _numbers(written, form, mistakes)
+    output = written.output or "output"
+    names = PlantNames(None, tuple(dict.fromkeys(("output", "output_rate", output, *(written.outputs or {})))), output)
+    if mistakes or source is None:
+        return None, names, mistakes
+    return Plant(source, written.input or "input", output, initial_input=_initial_input(written, Decimal(0))), names, mistakes
+
+
+def _form(written: schema.Plant, mistakes: list[Mistake]) -> str | None:
+    given = written.model_fields_set
+    used = [name for name, (necessary, optional) in FORMS.items() if given & {*necessary, *optional}]
+    if not used:
+        mistakes.append(Mistake("plant", ABSENT, f"says nothing of the plant; valid is one of these: {' | '.join(FORMS)}"))
+        return None
+    if len(used) > 1:
+        first = [next(key for key in (*FORMS[form][0], *FORMS[form][1]) if key in given) for form in used]
+        mistakes.append(
+            Mistake("plant", ABSENT, f"{' and '.join(first)} describe the plant in different forms; give one of these: {' | '.join(FORMS)}")
+        )
+        return None
+    (form,) = used
+    missing = [key for key in FORMS[form][0] if key not in given]
+    mistakes.extend(Mistake(f"plant.{key}", ABSENT, f"is missing; this form of plant needs {', '.join(FORMS[form][0])}") for key in missing)
+    return None if missing else form
+
+
+def _refuse(written: schema.Plant, keys: tuple[str, ...], why: str, mistakes: list[Mistake]) -> None:
+    mistakes.extend(Mistake(f"plant.{key}", value, why) for key in keys if (value := getattr(written, key)) is not None)
+
+
+def _initial_input(written: schema.Plant, otherwise: Decimal) -> Decimal:
+    return otherwise if written.initial is None or written.initial.input is None else written.initial.input
+
+
+def _numbers(written: schema.Plant, form: str, mistakes: list[Mistake]) -> Source | None:
+    match form:
+        case "numerator, denominator":
+            return TransferPlant(written.numerator or (), written.denominator or ())
+        case "zeros, poles, gain":
+            return RootsPlant(written.zeros or (), written.poles or (), written.gain or Decimal(0))
+        case "modes, rigid":
+            modes = tuple((mode.frequency, mode.damping, mode.gain) for mode in written.modes or ())
+            return ModalPlant(written.rigid or Decimal(0), modes)
+    matrix, column, row, outputs = written.A or (), written.B or (), written.C or (), written.outputs or {}
+    n = len(matrix)
+    lengths = (
+        {f"A[{i}]": line for i, line in enumerate(matrix, 1)} | {"B": column, "C": row} | {f"outputs.{k}": v for k, v in outputs.items()}
+    )
+    for name, numbers in lengths.items():
+        if len(numbers) != n:
+            mistakes.append(Mistake(f"plant.{name}", numbers, f"has {len(numbers)} numbers; A has {n} rows, so valid are {n}"))
+    taken = {"output", "output_rate", written.output}
+    mistakes.extend(
+        Mistake(f"plant.outputs.{name}", numbers, "is a name that exists already (the controlled output or its rate)")
+        for name, numbers in outputs.items()
+        if name in taken
+    )
+    return StateSpacePlant(matrix, column, row, written.D or Decimal(0), dict(outputs))
+
+
+def _fmu_plant(written: schema.Plant, folder: Path, mistakes: list[Mistake]) -> tuple[Plant | None, PlantNames | None, list[Mistake]]:
+    _refuse(written, ("outputs",), "belongs to the form A, B, C, D; an FMU has names of its own for its variables", mistakes)
+    fmu = _open(written.fmu or "", folder, mistakes)
+    if fmu is None:
+        mistakes.extend(Mistake(f"plant.{key}", ABSENT, "is missing") for key in ("input", "output") if getattr(written, key) is None)
+        return None, None, mistakes
+    has = fmu.description
+    entry = _variable("plant.input", written.input, has.drivable_input, has.names("input"), mistakes)
+    output = _variable("plant.output", written.output, lambda name: _real(has.find(name, "output")), has.names("output"), mistakes)
+    for name, value in (written.parameters or {}).items():
+        _variable(f"plant.parameters.{name}", name, has.settable_parameter, (), mistakes, value)
+    names = PlantNames(has, has.names("output"), written.output or "")
+    if mistakes or entry is None or output is None:
+        return None, names, mistakes
+    start = Decimal(repr(entry.start)) if isinstance(entry.start, float) else Decimal(0)
+    source = FmuPlant(written.fmu or "", fmu, dict(written.parameters or {}))
+    return Plant(source, entry.name, output.name, entry.unit, output.unit, _initial_input(written, start)), names, mistakes
+
+
+def _real(variable: Variable) -> Variable:
+    if not variable.is_real:
+        raise FmuError(f'"{variable.name}" is of type {variable.type}; a controlled output is a single real number')
+    return variable
+
+
+def _variable(
+    path: str,
+    name: str | None,
+    find: Callable[[str], Variable],
+    candidates: tuple[str, ...],
+    mistakes: list[Mistake],
+    value: object = None,
+) -> Variable | None:
+    """What `find` finds; else None and a mistake at `path`."""
+    if name is None:
+        mistakes.append(Mistake(path, ABSENT, f"is missing; the FMU has {', '.join(candidates[:12]) or 'none'}"))
+        return None
+    try:
+        return find(name)
+    except FmuError as problem:
+        mistakes.append(Mistake(path, name if value is None else value, str(problem)))
+        return None
+
+
+def _open(name: str, folder: Path, mistakes: list[Mistake]) -> Fmu | None:
+    """The FMU that a study names: one shipped here, or a file."""
+    from fmus import build  # knows the compiler; a plant given as numbers needs none
+
+    shipped = build.shipped()
+    choices = {*shipped, *(f"{plant}.fmi{major}" for plant in shipped for major in (2, 3))}
+    try:
+        if name in choices:
+            path = build.locate(name)
+        else:
+            path = (folder / name).expanduser()
+            if not path.is_file():
+                what = "a folder, not a file" if path.is_dir() else "no such file"
+                hint = did_you_mean(name, choices)
+                mistakes.append(Mistake("plant.fmu", name, f"{path} is {what}, and the plants shipped here are {', '.join(shipped)}{hint}"))
+                return None
+        fmu = open_archive(path)
+        fmu.require_platform()
+    except FmuError as problem:
+        mistakes.append(Mistake("plant.fmu", name, str(problem)))
+        return None
+    return fmu

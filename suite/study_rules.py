@@ -1,0 +1,156 @@
+"""What a study may not say although every key is valid by itself: keys that exclude each other, and keys this version cannot honour."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from suite import schema
+from suite.errors import ABSENT, Mistake
+
+
+def _given(_: object) -> bool:
+    return True
+
+
+def _one_of(*refused: str) -> Callable[[object], bool]:
+    return lambda value: value in refused
+
+
+UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
+    # Path: for which values it is refused, and what is possible instead. A key leaves this table when this version honours it.
+    "plant.initial.state": (_given, "a plant starts from its own start values"),
+    "maneuver.initial_state": (_given, "a plant starts at rest"),
+    "maneuver.scale": (_given, "|displacement| is the scale"),
+    "limits.fuel": (_given, "limits.input alone limits the command; a requirement on fuel measures it"),
+    "limits.rate": (_given, "limits.input alone limits the command; a requirement on peak_rate measures it"),
+    "limits.deflection": (_given, "limits.input alone limits the command; a requirement on peak(NAME) measures it"),
+    "limits.sample_time": (_given, "commands switch at any instant"),
+    "limits.tail_length": (_given, "commands have no tail"),
+    "limits.pulse_width": (_given, "limits.input alone limits the command"),
+    "limits.pulses": (_given, "limits.input alone limits the command"),
+    "command.kind": (_one_of("fuel-efficient", "shaper", "pole-zero"), '"time-optimal" and "file" are supported'),
+    "command.robustness": (
+        lambda value: value == "box" or isinstance(value, dict),
+        "0, 1, 2 … (zeros at every flexible mode) are supported",
+    ),
+    "command.tail": (lambda value: value is True, "false (rest of the state) is supported"),
+    "command.type": (_given, "profiles of every type are searched"),
+    "command.alpha": (_given, "fuel has no price"),
+    "uncertainty.distribution": (_given, "range is supported"),
+    "uncertainty.sampling": (_one_of("sobol", "random"), '"grid" is supported'),
+    "cluster": (bool, "all runs are computed on this machine"),
+}
+
+BELONGS: dict[str, tuple[str, ...]] = {
+    # Keys of [command] that mean something for some kinds only.
+    "shaper": ("shaper",),
+    "modes": ("shaper",),
+    "reference": ("shaper",),
+    "delays": ("pole-zero",),
+    "form": ("pole-zero",),
+    "file": ("file",),
+    "type": ("time-optimal", "fuel-efficient"),
+    "alpha": ("time-optimal", "fuel-efficient"),
+    "robustness": ("time-optimal", "fuel-efficient", "pole-zero"),
+    "tolerance": ("time-optimal", "fuel-efficient", "pole-zero", "shaper"),
+    "final_tolerance": ("time-optimal", "fuel-efficient"),
+    "tail": ("time-optimal", "fuel-efficient", "pole-zero"),
+}
+NEEDS = {"shaper": ("shaper",), "file": ("file",), "pole-zero": ("delays",)}
+"""Keys of [command] that a kind cannot do without."""
+
+
+def unsupported(data: Mapping[str, Any]) -> Iterator[Mistake]:
+    """A mistake for every key that is valid, but whose meaning this version does not know."""
+    for path, (refused, instead) in UNSUPPORTED.items():
+        for place, value in _lookup(data, path.split("."), ""):
+            if refused(value):
+                yield Mistake(place, value, f"is not supported by this version; {instead}")
+
+
+def _lookup(table: object, keys: list[str], place: str) -> Iterator[tuple[str, Any]]:
+    if not keys:
+        yield place, table
+    elif isinstance(table, list):
+        for i, item in enumerate(table, 1):
+            yield from _lookup(item, keys, f"{place}[{i}]")
+    elif isinstance(table, dict) and keys[0] in table:
+        yield from _lookup(table[keys[0]], keys[1:], f"{place}.{keys[0]}".lstrip("."))
+
+
+def contradictions(study: schema.Written) -> Iterator[Mistake]:
+    """Mistakes between keys that need neither the plant nor a file to be seen."""
+    if study.maneuver:
+        yield from _maneuver(study.maneuver)
+    if study.limits and study.limits.rate and not study.limits.rate[0] <= 0 <= study.limits.rate[1]:
+        yield Mistake("limits.rate", study.limits.rate, "must contain 0: at rest the input stands still")
+    if study.command:
+        yield from _command(study.command)
+        if study.command.robustness == "box" and not study.uncertainty:
+            yield Mistake("command.robustness", "box", "needs a box: at least one [[uncertainty]]")
+    for i, axis in enumerate(study.uncertainty, 1):
+        if axis:
+            yield from _axis(axis, f"uncertainty[{i}]")
+    yield from _repeated("uncertainty", "parameter", [axis.parameter if axis else None for axis in study.uncertainty])
+    for i, requirement in enumerate(study.requirement, 1):
+        if requirement:
+            yield from _requirement(requirement, f"requirement[{i}]", bool(study.uncertainty))
+    # Some file systems do not tell capitals from small letters, and identifiers become file names.
+    yield from _repeated("requirement", "id", [requirement.id if requirement else None for requirement in study.requirement])
+
+
+def _maneuver(maneuver: schema.Maneuver) -> Iterator[Mistake]:
+    if maneuver.displacement == 0 and maneuver.initial_state is None:
+        yield Mistake("maneuver.displacement", maneuver.displacement, "must not be 0: there is nothing to move")
+    if maneuver.displacement == 0 and maneuver.initial_state is not None and maneuver.scale is None:
+        yield Mistake("maneuver.scale", ABSENT, "is missing; with displacement = 0 relative quantities are divided by it")
+    if maneuver.displacement != 0 and maneuver.scale is not None:
+        yield Mistake("maneuver.scale", maneuver.scale, "has a meaning with displacement = 0 only; else |displacement| is the scale")
+
+
+def _command(command: schema.Command) -> Iterator[Mistake]:
+    for key in sorted(command.model_fields_set & BELONGS.keys()):
+        if command.kind not in BELONGS[key]:
+            kinds = " or ".join(f'"{kind}"' for kind in BELONGS[key])
+            yield Mistake(f"command.{key}", getattr(command, key), f'means nothing for kind = "{command.kind}"; it belongs to {kinds}')
+    for key in NEEDS.get(command.kind, ()):
+        if getattr(command, key) is None:
+            yield Mistake(f"command.{key}", ABSENT, f'is missing; kind = "{command.kind}" needs it')
+
+
+def _axis(axis: schema.Uncertainty, place: str) -> Iterator[Mistake]:
+    if axis.range is None and axis.distribution is None:
+        yield Mistake(f"{place}.range", ABSENT, f'is missing; "{axis.parameter}" needs a range = [lower, upper] or a distribution')
+    if axis.range is not None and axis.distribution is not None:
+        yield Mistake(f"{place}.distribution", ABSENT, "contradicts range; give one of them")
+    if axis.range is not None and axis.sampling in (None, "grid") and axis.samples == 1:
+        yield Mistake(f"{place}.samples", 1, "must be at least 2: a grid has both ends of the range")
+    if axis.distribution is not None:
+        kind = axis.distribution.kind
+        right = {"uniform": {"lower", "upper"}, "normal": {"mean", "deviation"}}[kind]
+        if axis.distribution.model_fields_set - {"kind"} != right:
+            wrong = ", ".join(sorted(axis.distribution.model_fields_set - {"kind"})) or "nothing"
+            yield Mistake(f"{place}.distribution", ABSENT, f'has {wrong}; kind = "{kind}" has {" and ".join(sorted(right))}')
+        if axis.sampling == "grid":
+            yield Mistake(f"{place}.sampling", "grid", 'contradicts distribution; valid are "sobol" and "random"')
+
+
+def _requirement(requirement: schema.Requirement, place: str, has_box: bool) -> Iterator[Mistake]:
+    if requirement.min is None and requirement.max is None:
+        yield Mistake(place, ABSENT, f'"{requirement.id}" has no limit; give min, max or both')
+    elif requirement.min is not None and requirement.max is not None and requirement.min > requirement.max:
+        yield Mistake(f"{place}.min", requirement.min, f"is greater than max = {requirement.max}: nothing could meet it")
+    if requirement.scope == "box" and not has_box:
+        yield Mistake(f"{place}.scope", "box", 'needs a box: at least one [[uncertainty]]; without, scope is "nominal"')
+
+
+def _repeated(array: str, key: str, values: list[str | None]) -> Iterator[Mistake]:
+    fold = str.casefold if key == "id" else str
+    first: dict[str, int] = {}
+    for i, value in enumerate(values, 1):
+        if value is None:
+            continue
+        if fold(value) in first:
+            yield Mistake(f"{array}[{i}].{key}", value, f"is the {key} of {array}[{first[fold(value)]}] already")
+        first.setdefault(fold(value), i)

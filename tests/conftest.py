@@ -1,0 +1,40 @@
+"""What every test shares: how properties are searched, and the last lines of a run, which say what it left out."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+from hypothesis import settings
+
+# The machine's load must not decide a test, and neither may a coin: every run tries the same examples.
+settings.register_profile("slewcert", deadline=None, derandomize=True, database=None)
+settings.load_profile("slewcert")
+
+GROUPS = ("slow", "foreign", "benchmark")
+_left_out: Counter[str] = Counter()
+
+
+def pytest_deselected(items: list[pytest.Item]) -> None:
+    for item in items:
+        _left_out.update(group for group in GROUPS if item.get_closest_marker(group))
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if (output := getattr(session.config, "workeroutput", None)) is not None:  # this is a worker of pytest-xdist
+        output["left_out"] = dict(_left_out)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: object, error: object) -> None:
+    """Every worker collects everything, so the last one's count stands for all."""
+    _left_out.clear()
+    _left_out.update(getattr(node, "workeroutput", {}).get("left_out", {}))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    if config.option.markexpr in GROUPS:  # one group was asked for: the others were not forgotten
+        return
+    for group in GROUPS:
+        if count := _left_out[group]:
+            terminalreporter.write_line(f"left out: {count} {group} test{'s' * (count > 1)} (`make {group}` runs them)")

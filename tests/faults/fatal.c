@@ -1,0 +1,10 @@
+/* From FAULT_TIME on, each step returns the status fatal. */
+#include "fault.h"
+
+PlantStatus plant_before_step(Plant *p, double step, const char **message) {
+    (void)step;
+    if (p->time < FAULT_TIME)
+        return PLANT_OK;
+    *message = "this is the fatal that was asked for";
+    return PLANT_FATAL;
+}

@@ -1,0 +1,171 @@
+"""The shape of the project, as far as a machine can see it: who imports whom, who owns which name, what is said where."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from functools import cache
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import click
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("relaxations", "fmus", "reports", "suite")
+HEAVY = ("cvxpy", "clarabel", "scipy.optimize", "fmpy", "mcap", "matplotlib", "jinja2", "pydantic", "flint")
+MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+
+
+def name(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+@cache
+def project() -> dict:
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+@cache
+def project_files() -> tuple[Path, ...]:
+    """What git tracks or would track; a source archive, which has no git, is looked at as it lies."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True
+    )
+    if listed.returncode:
+        pytest.skip("not a git checkout: build products and sources cannot be told apart")
+    return tuple(path for line in listed.stdout.split("\0") if line and (path := ROOT / line).is_file())
+
+
+def text_of(path: Path) -> str:
+    """The file's text; nothing for a file that is not text."""
+    content = path.read_bytes()
+    return "" if b"\0" in content else content.decode("utf-8", "replace")
+
+
+def test_import_contracts_hold() -> None:
+    done = subprocess.run([Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_other_distribution_owns_our_import_names(package: str) -> None:
+    """The names are generic: a distribution that brings `reports` along would silently replace ours, or be replaced."""
+    owners = {owner.lower() for owner in packages_distributions().get(package, ())}
+    assert owners <= {"slewcert"}, f"{package} also belongs to {sorted(owners - {'slewcert'})}"
+    found = importlib.import_module(package).__file__
+    assert found is not None
+    assert Path(found).parent == ROOT / package, "another package of this name comes first on the path"
+
+
+def test_the_command_line_starts_without_the_heavy_modules() -> None:
+    script = f"import sys, suite.cli; print([m for m in {HEAVY!r} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]", "import these where they are used"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name)
+def test_every_module_says_what_it_is_for(path: Path) -> None:
+    tree = ast.parse(path.read_text())
+    assert ast.get_docstring(tree), "the module has no docstring"
+    public = [node for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_")]
+    assert [node.name for node in public if not ast.get_docstring(node)] == []
+
+
+@pytest.mark.parametrize(
+    "path", sorted({*MODULES, *(ROOT / "tests").glob("**/[!.]*.py")} - set((ROOT / "tests/foreign/node_modules").rglob("*"))), ids=name
+)
+def test_no_file_is_too_long_to_be_read_at_once(path: Path) -> None:
+    assert len(path.read_text().splitlines()) <= 400
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_packages_are_typed(package: str) -> None:
+    assert (ROOT / package / "py.typed").is_file()
+
+
+def test_must_never_reach_a_public_index() -> None:
+    assert "Private :: Do Not Upload" in project()["project"]["classifiers"]
+
+
+@pytest.mark.parametrize("path", [*ROOT.glob("*.lock"), ROOT / "tests/foreign/package-lock.json"], ids=name)
+def test_locks_hold_names_versions_and_hashes_only(path: Path) -> None:
+    text = path.read_text()
+    assert "://" not in text
+    assert not re.search(r"(?m)^\s*(-i|--index-url|--extra-index-url|-f|--find-links|--trusted-host)\b", text)
+    if path.suffix == ".lock":
+        pins = re.split(r"(?m)^(?=\S)", re.sub(r"(?m)^\s*#.*\n?", "", text))
+        for pin in filter(str.strip, pins):
+            assert re.match(r"[a-z0-9._-]+==\S+ ", pin), pin
+            assert "--hash=sha256:" in pin, pin
+
+
+def test_locks_name_every_dependency() -> None:
+    def plain(requirement: str) -> str:
+        return re.split(r"[^A-Za-z0-9._-]", requirement, maxsplit=1)[0].lower()
+
+    table = project()["project"]
+    extras = table["optional-dependencies"]
+    locked = {
+        file: {plain(line) for line in (ROOT / file).read_text().splitlines()}
+        for file in ("requirements.lock", "requirements-compiler.lock")
+    }
+    assert {plain(line) for line in (*table["dependencies"], *extras["dev"])} <= locked["requirements.lock"]
+    assert {plain(line) for line in extras["compiler"]} <= locked["requirements-compiler.lock"]
+    assert "torch" not in locked["requirements.lock"]
+
+
+def test_no_file_names_a_place_on_one_machine() -> None:
+    """Absolute paths of the machine on which something was made do not exist elsewhere."""
+    places = re.compile(r"(?<![\w.$}~/-])(/home/|/root/|/Users/|/work/|/tmp/|/var/folders/|[A-Z]:\\Users)(?!/)")
+    found = [
+        f"{name(path)}:{number}: {line.strip()[:100]}"
+        for path in project_files()
+        if path != Path(__file__)
+        for number, line in enumerate(text_of(path).splitlines(), 1)
+        if places.search(line)
+    ]
+    assert found == []
+
+
+# -- what the README tells people to type ----------------------------------------------------------------------------------
+
+
+@cache
+def readme_commands() -> tuple[tuple[str, ...], ...]:
+    """Every line of the README's `sh` blocks, as words, without its comment."""
+    blocks = re.findall(r"(?ms)^```sh\n(.*?)^```", (ROOT / "README.md").read_text())
+    return tuple(tuple(words) for block in blocks for line in block.splitlines() if (words := shlex.split(line, comments=True)))
+
+
+def test_readme_has_the_two_commands_that_set_everything_up() -> None:
+    assert {("make", "verify"), ("make", "test")} <= set(readme_commands())
+
+
+def test_readme_commands_exist() -> None:
+    targets = set(re.findall(r"(?m)^([a-z][a-z-]*):(?!=)", (ROOT / "Makefile").read_text()))
+    cli = importlib.import_module("suite.cli")
+    for program, *words in readme_commands():
+        if program == "make":
+            assert set(words) <= targets
+            continue
+        assert program.removeprefix(".venv/bin/") == "slewcert", f"the README speaks of {program}, which nothing here sets up"
+        command: click.Command = cli.main
+        while isinstance(command, click.Group) and words:
+            following = command.get_command(click.Context(command), words[0])
+            assert following is not None, f"slewcert has no command {words[0]}"
+            command, words = following, words[1:]
+        options = {option for parameter in command.params for option in parameter.opts}
+        assert {word.split("=")[0] for word in words if word.startswith("--")} <= options | {"--help"}
+
+
+def test_files_that_the_readme_names_exist() -> None:
+    text = re.sub(r"(?s)<!--.*?-->", "", (ROOT / "README.md").read_text())
+    links = re.findall(r"\]\((?!#|https?:)([^)\s]+)\)", text) + re.findall(r'src(?:set)?="([^"]+)"', text)
+    named = [word for command in readme_commands() for word in command if word.startswith("suite/")]
+    assert [target for target in (*links, *named) if not (ROOT / target.split("#")[0]).exists()] == []

@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fmus.errors import FmuError
+from fmus.stepping import MERGE, RunStatus, Trajectory, grid, held, ramps, step_sizes, uniform
+from relaxations.commands import Command, Segment, Tail, TailTerm
+
+BANG = Command(2.5, (Segment(0.0, 1.0), Segment(1.003, -1.0)), Tail(0.0))
+SLOPED = Command(2.0, (Segment(1.0, 0.5, 2.0), Segment(2.0, 1.0)), Tail(0.25, (TailTerm(-1.0 + 2.0j, 0, 0.75 + 0.5j),)))
+
+
+def test_regular_points_are_multiples_not_sums() -> None:
+    times = grid(0.0, 100.0, 0.1)
+    assert times.tolist() == [n * 0.1 for n in range(1000)] + [100.0]
+    assert np.cumsum(np.full(1000, 0.1))[-1] != 100.0  # what accumulation would have given
+
+
+def test_the_stop_time_is_reached_though_it_is_no_multiple() -> None:
+    assert grid(0.0, 1.0, 0.3).tolist() == [0.0, 0.3, 0.6, 3 * 0.3, 1.0]
+
+
+def test_breakpoints_are_points_and_replace_near_neighbours() -> None:
+    nudged = 0.2 + 1e-12
+    assert grid(0.0, 0.4, 0.1, (0.0, nudged, 0.25, 0.4, 7.0)).tolist() == [0.0, 0.1, nudged, 0.25, 3 * 0.1, 0.4]
+
+
+@pytest.mark.parametrize(("stop", "step"), [(1.0, 0.0), (1.0, -1.0), (1.0, np.nan), (1.0, np.inf), (0.0, 0.1), (np.nan, 0.1)])
+def test_refuses_a_run_that_goes_nowhere(stop: float, step: float) -> None:
+    with pytest.raises(FmuError):
+        grid(0.0, stop, step)
+
+
+@given(
+    stop=st.floats(0.01, 50.0),
+    count=st.floats(0.3, 500.0),
+    parts=st.lists(st.floats(0.0, 1.2), max_size=8),
+)
+def test_every_grid(stop: float, count: float, parts: list[float]) -> None:
+    step = stop / count
+    breakpoints = [p * stop for p in parts]
+    times = grid(0.0, stop, step, breakpoints)
+    assert (times[0], times[-1]) == (0.0, stop)
+    assert np.all(np.diff(times) > 0.9 * MERGE * step)
+    assert np.all(np.diff(times) <= step * (1 + 2 * MERGE))
+    for point in breakpoints:
+        if point < stop:
+            assert np.min(np.abs(times - point)) <= MERGE * step * 1.0000001  # merged with another breakpoint, at most
+    regular = np.round(times / step) * step
+    known = np.array([*breakpoints, stop])
+    for time, multiple in zip(times, regular, strict=True):
+        assert time == multiple or time in known
+
+
+def test_the_input_between_two_points_is_the_one_after_the_jump() -> None:
+    times = grid(0.0, 4.0, 0.5, BANG.breakpoints)
+    levels = held(BANG, times, rest=0.0)
+    assert dict(zip(times[:-1].tolist(), levels.tolist(), strict=True)) == {
+        0.0: 1.0,
+        0.5: 1.0,
+        1.0: 1.0,
+        1.003: -1.0,
+        1.5: -1.0,
+        2.0: -1.0,
+        2.5: 0.0,
+        3.0: 0.0,
+        3.5: 0.0,
+    }
+    values, slopes = ramps(BANG, times, rest=0.0)
+    assert values.tolist() == levels.tolist()
+    assert not slopes.any()
+
+
+def test_a_jump_that_lies_a_rounding_error_after_a_point_is_not_lost() -> None:
+    late = BANG.shifted(1e-15)
+    times = grid(0.0, 4.0, 0.5, late.breakpoints)
+    assert held(late, times, rest=0.0)[0] == 1.0
+
+
+def test_before_the_command_the_input_rests() -> None:
+    times = grid(0.0, 3.0, 0.25, SLOPED.breakpoints)
+    assert held(SLOPED, times, rest=-0.5)[:4].tolist() == [-0.5] * 4
+    assert ramps(SLOPED, times, rest=-0.5)[0][:4].tolist() == [-0.5] * 4
+
+
+def test_ramps_reproduce_sloping_segments_and_the_ends_of_a_tail() -> None:
+    times = grid(0.0, 6.0, 0.25, SLOPED.breakpoints)
+    values, slopes = ramps(SLOPED, times, rest=0.0)
+    right = values + slopes * np.diff(times)
+    before = np.nextafter(times[1:], 0.0)
+    # The command just before the right end: the difference is one rounding error of the time, times the slope.
+    np.testing.assert_allclose(right, SLOPED(before), rtol=0.0, atol=1e-14)
+    np.testing.assert_array_equal(values, SLOPED(times[:-1]))
+
+
+def test_the_last_step_does_not_pass_the_stop_time() -> None:
+    for stop in np.random.default_rng(3).uniform(1.0, 90.0, 200):
+        times = grid(0.0, float(stop), 0.07)
+        sizes = step_sizes(times)
+        assert times[-2] + sizes[-1] <= stop
+        assert abs(sizes[-1] - (stop - times[-2])) <= 1e-15 * 90.0  # one unit in the last place
+
+
+def test_uniform() -> None:
+    assert uniform(grid(0.0, 100.0, 0.1), 0.1)
+    assert not uniform(grid(0.0, 1.0, 0.3), 0.3)
+    assert not uniform(grid(0.0, 4.0, 0.5, BANG.breakpoints), 0.5)
+
+
+def test_a_trajectory_cannot_be_changed() -> None:
+    trajectory = Trajectory(np.zeros(2), np.zeros(2), np.zeros((2, 1)))
+    with pytest.raises(ValueError, match="read-only"):
+        trajectory.values[0, 0] = 1.0
+
+
+def test_every_status_is_a_sentence_and_two_are_complete() -> None:
+    assert {s for s in RunStatus if s.complete} == {RunStatus.FINISHED, RunStatus.WARNING}
+    assert len({s.value for s in RunStatus}) == len(RunStatus)
