@@ -35,7 +35,11 @@ PLANTS = Path(__file__).parent / "plants"
 SOURCES = Path(__file__).parent / "sources"
 SHARED = ("instance.c", "fmustate.c", "integrator.c")
 # -ffp-contract=off: no fused multiply-add behind our back, so that every compiler and processor gives the same bits.
-FLAGS = ("-std=c11", "-O2", "-Wall", "-Wextra", "-ffp-contract=off", "-fvisibility=hidden", "-DFMI3_OVERRIDE_FUNCTION_PREFIX", "-shared")
+# -g0 -s: debug information would name folders of the machine that built it.
+FLAGS = (
+    *("-std=c11", "-O2", "-g0", "-s", "-shared", "-fvisibility=hidden", "-ffp-contract=off"),
+    *("-Wall", "-Wextra", "-DFMI3_OVERRIDE_FUNCTION_PREFIX"),
+)
 COMPILE_SECONDS = 300.0
 
 

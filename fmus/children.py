@@ -90,6 +90,8 @@ class Child:
 
     def ask(self, request: dict[str, Any], raw: bytes, timeout: float) -> Answer:
         """Send a request and wait for its reply, at most `timeout` seconds."""
+        if not timeout > 0.0:
+            raise FmuError(f"the wall-clock limit must be positive, is {timeout!r} s")
         place = self.folder / request["sha256"][:32]
         request["library"], request["resources"] = str(place / request["library"]), str(place / "resources")
         mark = request["mark"] = secrets.token_hex(16)

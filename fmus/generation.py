@@ -62,14 +62,8 @@ def c_header(plant: PlantFile, token: str) -> str:
 
 def model_description_2(plant: PlantFile, token: str, sources: tuple[str, ...]) -> bytes:
     """modelDescription.xml of FMI 2.0; `sources` are the C files to compile."""
-    root = Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=plant.title,
-        guid=token,
-        **_about(plant),
-        numberOfEventIndicators="0",
-    )
+    head = {"fmiVersion": "2.0", "modelName": plant.title, "guid": token, **_about(plant), "numberOfEventIndicators": "0"}
+    root = Element("fmiModelDescription", head)
     for interface in ("ModelExchange", "CoSimulation"):
         flags = {"canNotUseMemoryManagementFunctions": "true", "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true"}
         flags["providesDirectionalDerivative"] = _flag(plant.tangent)
@@ -78,7 +72,7 @@ def model_description_2(plant: PlantFile, token: str, sources: tuple[str, ...]) 
         else:
             flags["canHandleVariableCommunicationStepSize"] = _flag(plant.variable_step)
             flags["canInterpolateInputs"] = "true"
-        files = SubElement(SubElement(root, interface, modelIdentifier=plant.name, **flags), "SourceFiles")
+        files = SubElement(SubElement(root, interface, {"modelIdentifier": plant.name, **flags}), "SourceFiles")
         for source in sources:
             SubElement(files, "File", name=source)
     _common(root, plant)
@@ -87,18 +81,19 @@ def model_description_2(plant: PlantFile, token: str, sources: tuple[str, ...]) 
         numbers = _numbers(v)
         if v.state is not None:
             numbers["derivative"] = str(v.state + 1)  # FMI 2.0 counts variables from 1; here reference = position
-        SubElement(SubElement(variables, "ScalarVariable", **_attributes(v)), "Real", **numbers)
+        SubElement(SubElement(variables, "ScalarVariable", _attributes(v)), "Real", numbers)
     structure = SubElement(root, "ModelStructure")
     for group, members in _structure(plant):
         parent = SubElement(structure, group + "s")
         for v in members:
-            SubElement(parent, "Unknown", index=str(v.reference + 1), **_dependencies(v, group, offset=1))
+            SubElement(parent, "Unknown", {"index": str(v.reference + 1), **_dependencies(v, group, offset=1)})
     return _document(root)
 
 
 def model_description_3(plant: PlantFile, token: str) -> bytes:
     """modelDescription.xml of FMI 3.0."""
-    root = Element("fmiModelDescription", fmiVersion="3.0", modelName=plant.title, instantiationToken=token, **_about(plant))
+    head = {"fmiVersion": "3.0", "modelName": plant.title, "instantiationToken": token, **_about(plant)}
+    root = Element("fmiModelDescription", head)
     for interface in ("ModelExchange", "CoSimulation"):
         flags = {"canGetAndSetFMUState": "true", "canSerializeFMUState": "true"}
         flags["providesDirectionalDerivatives"] = flags["providesAdjointDerivatives"] = _flag(plant.tangent)
@@ -106,17 +101,17 @@ def model_description_3(plant: PlantFile, token: str) -> bytes:
             flags["canHandleVariableCommunicationStepSize"] = _flag(plant.variable_step)
             if not plant.variable_step:
                 flags["fixedInternalStepSize"] = repr(plant.step)
-        SubElement(root, interface, modelIdentifier=plant.name, **flags)
+        SubElement(root, interface, {"modelIdentifier": plant.name, **flags})
     _common(root, plant)
     variables = SubElement(root, "ModelVariables")
     for v in plant.variables:
         derivative = {} if v.state is None else {"derivative": str(v.state)}
-        SubElement(variables, "Float64", **_attributes(v), **_numbers(v), **derivative)
+        SubElement(variables, "Float64", {**_attributes(v), **_numbers(v), **derivative})
     structure = SubElement(root, "ModelStructure")
     for group, members in _structure(plant):
         element = "ContinuousStateDerivative" if group == "Derivative" else group
         for v in members:
-            SubElement(structure, element, valueReference=str(v.reference), **_dependencies(v, group, offset=0))
+            SubElement(structure, element, {"valueReference": str(v.reference), **_dependencies(v, group, offset=0)})
     return _document(root)
 
 
@@ -143,7 +138,7 @@ def _about(plant: PlantFile) -> dict[str, str]:
 def _common(root: Element, plant: PlantFile) -> None:
     units = SubElement(root, "UnitDefinitions")
     for name in sorted(plant.units):
-        SubElement(SubElement(units, "Unit", name=name), "BaseUnit", **{k: f"{x:g}" for k, x in plant.units[name].items()})
+        SubElement(SubElement(units, "Unit", name=name), "BaseUnit", {k: f"{x:g}" for k, x in plant.units[name].items()})
     categories = SubElement(root, "LogCategories")
     for category in LOG_CATEGORIES:
         SubElement(categories, "Category", name=category)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import keyword
 import math
 import re
 import tomllib
@@ -16,6 +15,10 @@ from fmus.errors import BuildError
 Kind = Literal["time", "parameter", "input", "state", "derivative", "output"]
 
 IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+RESERVED = re.compile(
+    "auto|break|case|char|const|continue|default|do|double|else|enum|extern|float|for|goto|if|inline|int|long|register|restrict|return|"
+    "short|signed|sizeof|static|struct|switch|typedef|union|unsigned|void|volatile|while|time|value|der_.*"
+)
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 TOP = {"name", "title", "description", "version", "tangent", "step_hook", "variable_step", "experiment", "units"}
 TABLES: Mapping[str, frozenset[str]] = {
@@ -92,8 +95,8 @@ def _plant_file(data: Mapping[str, Any]) -> PlantFile:
     for table, keys in TABLES.items():
         for name, entry in _table(data, table).items():
             _check_keys(f"{table}.{name}", _table(data[table], name), keys)
-            if not IDENTIFIER.fullmatch(name) or keyword.iskeyword(name) or name.startswith("der_") or name in {"time", "value"}:
-                raise BuildError(f"{table}.{name}: a variable's name is a C identifier, not a reserved word, 'time', 'value' or 'der_…'")
+            if not IDENTIFIER.fullmatch(name) or RESERVED.fullmatch(name):
+                raise BuildError(f"{table}.{name}: a variable's name is a C identifier, but no word of C, 'time', 'value' or 'der_…'")
             if entry.get("unit") not in data.get("units", {}):
                 raise BuildError(f"{table}.{name}.unit = {entry.get('unit')!r} is not among [units]: {', '.join(data.get('units', {}))}")
     name = _text(data, "name")

@@ -140,7 +140,7 @@ def evaluate(expression: str, values: Mapping[str, N], literal: Callable[[str], 
                 raise DescriptionError(f"{expression!r}: there is no parameter {name!r}; there is {', '.join(sorted(values)) or 'none'}")
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return -visit(operand)
-            case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(exponent))) if abs(exponent) <= LARGEST_POWER:
+            case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(exponent))) if exponent <= LARGEST_POWER:
                 return visit(left) ** exponent
             case ast.BinOp(left=left, op=ast.Add(), right=right):
                 return visit(left) + visit(right)
@@ -152,7 +152,7 @@ def evaluate(expression: str, values: Mapping[str, N], literal: Callable[[str], 
                 return visit(left) / visit(right)
         raise DescriptionError(
             f"{expression!r}: {ast.unparse(node)!r} is not allowed; names, decimal numbers, + - * / and ** with a whole "
-            f"exponent up to {LARGEST_POWER} are"
+            f"exponent from 0 to {LARGEST_POWER} are"
         )
 
     try:
@@ -193,4 +193,3 @@ def _exact(path: str, value: object) -> Fraction:
     except (ValueError, OverflowError, ZeroDivisionError):
         pass
     raise DescriptionError(f"{path} = {value!r} must be a finite number")
-

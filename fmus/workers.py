@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -73,6 +74,8 @@ class Worker:
             outcome = _outcome(answer, content, times, applied, experiment.outputs, time.perf_counter() - began)
             if not outcome.status.complete:
                 child.stop()
+        if outcome.status is RunStatus.FAILED and capabilities.needs_execution_tool:
+            return replace(outcome, detail=f"{outcome.detail} (this FMU needs its execution tool, {fmu.description.tool or 'unnamed'})")
         return outcome
 
     def linearize(

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from relaxations import programs
 from relaxations.commands import Command, Segment, Tail
 from relaxations.duality import lower_bound
+from relaxations.grids import grid
 from relaxations.maneuvers import Problem
 from relaxations.refinement import Failure, refine
 
@@ -36,7 +37,7 @@ class Status(Enum):
 class Settings:
     """How hard to look.
 
-    Grid intervals: for each real equation, at least, for each period of the fastest flexible mode, at most. Programs to solve at most, and
+    Grid intervals: for each real equation, at least, for each period of a mode while it is alive, at most. Programs to solve at most, and
     |α - 1| at which to stop.
     """
 
@@ -122,13 +123,9 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
     return bound(command.maneuver_time, grid.above.costate, command, None, reason)
 
 
-def grid_cells(problem: Problem, horizon: float, settings: Settings) -> int:
-    """Grid intervals for a horizon [s]: doubled from the least number until a period is resolved (few shapes, so programs are compiled once)."""
-    fastest = max((abs(p.value) for t in problem.sets for p in t.basis.poles if p.is_flexible), default=0.0)
-    cells = max(settings.least_cells, settings.cells_per_equation * problem.size)
-    while cells < settings.cells_per_period * horizon * fastest / (2 * math.pi) and cells < settings.most_cells:
-        cells *= 2
-    return cells
+def _instants(problem: Problem, horizon: float, settings: Settings) -> Reals:
+    least = max(settings.least_cells, settings.cells_per_equation * problem.size)
+    return grid(problem, horizon, least, settings.cells_per_period, settings.most_cells)
 
 
 def grid_minimum(problem: Problem, settings: Settings) -> GridMinimum:
@@ -143,7 +140,7 @@ def grid_minimum(problem: Problem, settings: Settings) -> GridMinimum:
     count = 0
     while count < settings.programs:
         count += 1
-        solution = programs.solve(programs.build(problem, horizon, grid_cells(problem, horizon, settings)))
+        solution = programs.solve(programs.build(problem, _instants(problem, horizon, settings)))
         fraction = solution.fraction
         if solution.reaches:
             above = solution
@@ -191,8 +188,7 @@ def _first_guess(problem: Problem) -> float:
 def staircase(problem: Problem, solution: programs.GridSolution) -> Command:
     """The grid's own command, divided by α ≥ 1 so that it reaches the target itself; equal neighbours are one segment."""
     levels = solution.levels / solution.fraction
-    horizon = solution.program.maneuver_time
-    starts = horizon * np.arange(len(levels)) / len(levels)
+    horizon, starts = solution.program.maneuver_time, solution.program.instants[:-1]
     keep = np.concatenate([[True], np.diff(levels) != 0.0])
     segments = tuple(Segment(float(s), float(u) + problem.rest) for s, u in zip(starts[keep], levels[keep], strict=True))
     return Command(horizon, segments, Tail(problem.rest + problem.hold))

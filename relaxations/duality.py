@@ -19,26 +19,52 @@ from relaxations.maneuvers import Problem
 
 Reals = NDArray[np.float64]
 
-SAMPLES_PER_PERIOD = 64  # of the fastest pole: two roots of the costate closer than that are seen as none, which only loosens the bound
+SAMPLES_PER_PERIOD = 64  # of each pole, as long as its motion lasts; between two samples p has no more than one extremum then
+MOST_SAMPLES = 200_000  # of one pole
+LASTING = 50.0  # time constants after which (or, right of the axis, before which) a mode's share of the costate is rounding
+
+
+def _samples(problem: Problem, horizon: float) -> Reals:
+    """Times to go at which to look at the costate: each mode sampled at its own pace where it is alive, so that no boundary layer is missed."""
+    parts = [np.linspace(0.0, horizon, 513)]
+    for pole in {pole.value for target in problem.sets for pole in target.basis.poles if pole.value}:
+        alive = min(LASTING / abs(pole.real), horizon) if pole.real else horizon
+        count = int(min(SAMPLES_PER_PERIOD * alive * abs(pole) / (2 * np.pi), MOST_SAMPLES)) + 2
+        parts.append(np.linspace(0.0, alive, count) if pole.real <= 0.0 else np.linspace(horizon - alive, horizon, count))
+    return np.unique(np.concatenate(parts))
 
 
 def costate_roots(problem: Problem, costate: Reals, horizon: float) -> Reals:
-    """Times to go in (0, horizon) at which `p = λᵀ b` changes sign, ascending [s]."""
-    fastest = max((abs(pole.value) for target in problem.sets for pole in target.basis.poles), default=0.0)
-    samples = int(min(max(512, SAMPLES_PER_PERIOD * horizon * fastest / (2 * np.pi)), 200_000))
-    grid = np.linspace(0.0, horizon, samples + 1)
-    values = costate @ problem.rows(grid)
+    """Times to go in (0, horizon) at which `p = λᵀ b` changes sign, ascending [s].
+
+    Two roots between neighbouring samples enclose an extremum of p, so the extrema on the near side of zero are samples too: a pair that is
+    missed would make the lower bound too long.
+    """
+    grid = _samples(problem, horizon)
+    table = problem.rows(grid)
+    values, slopes = costate @ table, problem.derivative(costate) @ table
+    same = values[:-1] * values[1:] > 0
+    turning = np.flatnonzero(same & (slopes[:-1] * values[:-1] < 0) & (slopes[1:] * values[1:] > 0))
+    if len(turning):
+        extrema = _roots(problem, problem.derivative(costate), grid[turning], grid[turning + 1])
+        grid = np.insert(grid, turning + 1, extrema)
+        values = np.insert(values, turning + 1, costate @ problem.rows(extrema))
     values[values == 0.0] = np.finfo(float).tiny  # a grid point that hits a root belongs to its right-hand neighbour's side
     inner = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0)
+    return _roots(problem, costate, grid[inner], grid[inner + 1])
+
+
+def _roots(problem: Problem, costate: Reals, left: Reals, right: Reals) -> Reals:
+    """The root of `λᵀ b` in each bracket."""
 
     def p(s: Reals) -> Reals:
         return costate @ problem.rows(s)
 
-    if not len(inner):
+    if not len(left):
         return np.zeros(0)
-    found = elementwise.find_root(p, (grid[inner], grid[inner + 1]), tolerances={"xatol": 0.0, "xrtol": 4e-16, "fatol": 0.0, "frtol": 0.0})
+    found = elementwise.find_root(p, (left, right), tolerances={"xatol": 0.0, "xrtol": 4e-16, "fatol": 0.0, "frtol": 0.0})
     # Where p is all rounding at both ends the signs may differ from those seen above; either end is then as good a root.
-    return np.where(np.isfinite(found.x), found.x, grid[inner])
+    return np.where(np.isfinite(found.x), found.x, left)
 
 
 @dataclass(frozen=True, slots=True)

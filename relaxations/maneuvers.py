@@ -60,12 +60,17 @@ class TargetSet:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One command for a list of plants: deviations `lower ≤ u - u_0 ≤ upper` (input units), `hold` = u_ss - 0 deviation at the final rest."""
+    """One command for a list of plants: deviations `lower ≤ u - u_0 ≤ upper` (input units), `hold` that of the final rest.
+
+    `plants` and `maneuver` are the exact data that the floating-point rest was made from.
+    """
 
     lower: float
     upper: float
     hold: float
     sets: tuple[TargetSet, ...]
+    plants: tuple[LinearPlant, ...]
+    maneuver: Maneuver
     rest: float = 0.0
     notes: tuple[str, ...] = field(default=())
 
@@ -142,6 +147,8 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         float(high - maneuver.rest),
         float(hold),
         tuple(target_set(plant, maneuver) for plant in plants),
+        tuple(plants),
+        maneuver,
         float(maneuver.rest),
         tuple(note for plant in plants for note in plant.notes),
     )

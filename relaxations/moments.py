@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import comb, factorial
+from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,8 @@ Complexes = NDArray[np.complex128]
 def _chain(pole: complex, power: int, integrals: int, s: Reals) -> Complexes:
     """The `integrals`-fold integral from 0 of `s^power/power! e^{pole s}` at s ≥ 0, whose transform is `1/(σ^integrals (σ - pole)^(power+1))`.
 
-    Near `pole s = 0` the recurrence cancels, so its power series `Σ_k C(power+k, k) pole^k s^n/n!`, n = power+k+integrals, is summed there.
+    Near `pole s = 0` the recurrence cancels, so its power series `s^n/n! Σ_k (power+1)_k/(n+1)_k (pole s)^k/k!`, n = power + integrals, is
+    summed there; for Re pole < 0 in Kummer's other form, `e^{pole s}` times the series in `-pole s`, whose terms do not cancel.
     """
     if pole == 0:
         return (s ** (power + integrals) / factorial(power + integrals)).astype(complex)
@@ -32,11 +33,14 @@ def _chain(pole: complex, power: int, integrals: int, s: Reals) -> Complexes:
     near = np.abs(pole) * s <= 1.0 + power
     result = np.empty(s.shape, dtype=complex)
     if near.any():
-        x = s[near]
+        x, mirrored = s[near], pole.real < 0
+        first, rate = (integrals, -pole) if mirrored else (power + 1, pole)
         term = (x ** (power + integrals) / factorial(power + integrals)).astype(complex)
+        if mirrored:
+            term *= np.exp(pole * x)
         total = term.copy()
-        for k in range(1, 40 + 4 * power):
-            term = term * (pole * x) * ((power + k) / (k * (power + k + integrals)))
+        for k in range(40 + 4 * power):
+            term = term * (rate * x) * ((first + k) / ((power + integrals + 1 + k) * (k + 1)))
             total += term
         result[near] = total
     far = ~near
@@ -45,16 +49,6 @@ def _chain(pole: complex, power: int, integrals: int, s: Reals) -> Complexes:
         lower = _chain(pole, power - 1, integrals, x) if power else x ** (integrals - 1) / factorial(integrals - 1)
         result[far] = (_chain(pole, power, integrals - 1, x) - lower) / pole
     return result
-
-
-def _product(pole: complex, rate: complex, a: int, b: int) -> Iterator[tuple[complex, int, complex]]:
-    """`1/((σ-pole)^a (σ-rate)^b)` in partial fractions: (root, power of 1/(σ-root), coefficient)."""
-    if pole == rate:
-        yield pole, a + b, 1.0
-        return
-    for root, other, own, others in ((pole, rate, a, b), (rate, pole, b, a)):
-        for i in range(1, own + 1):
-            yield root, i, comb(others - 1 + own - i, others - 1) * (-1) ** (own - i) / (root - other) ** (others + own - i)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,12 +110,17 @@ class Basis:
         return np.array(entries)
 
     def tail(self, rate: complex, power: int, since: Reals) -> Complexes:
-        """Moments (complex rows, one for each real row's chain) of the input `r^power e^{rate r}` acting from r = 0, at r = since."""
+        """Moments (complex rows, one for each real row's chain) of the input `r^power e^{rate r}` acting from r = 0, at r = since.
+
+        Its transform `power!/((σ - pole)^(k+1) (σ - rate)^(power+1))` is a chain of one root seen from the other: no difference of nearly
+        equal exponentials, however close the rate is to the pole. The slower exponential is taken out, so that nothing overflows.
+        """
         chains = []
         for pole in self.poles:
             for k in range(pole.multiplicity):
-                total = np.zeros(since.shape, dtype=complex)
-                for root, i, coefficient in _product(pole.value, rate, k + 1, power + 1):
-                    total += coefficient * factorial(power) * since ** (i - 1) / factorial(i - 1) * np.exp(root * since)
-                chains.append(total)
+                if pole.value.real >= rate.real:
+                    chain = np.exp(pole.value * since) * _chain(rate - pole.value, power, k + 1, since)
+                else:
+                    chain = np.exp(rate * since) * _chain(pole.value - rate, k, power + 1, since)
+                chains.append(factorial(power) * chain)
         return np.array(chains)

@@ -38,14 +38,20 @@ RESIDUAL = 1e-8  # relative; the solver's 1e-10 with room for limits far from th
 
 @dataclass(frozen=True, slots=True)
 class GridProgram:
-    """The program as built: `rows` (m, N) orthonormal, `target` (m,), `basis_change` R with rows = R^{-T} · table, limits in input units."""
+    """The program as built: `instants` (N + 1,) of the grid [s] from 0 to the maneuver time, `rows` (m, N) orthonormal, `target` (m,),
+    `basis_change` R with rows = R^{-T} · table, limits in input units."""
 
-    maneuver_time: float
+    instants: Reals
     rows: Reals
     target: Reals
     basis_change: Reals
     lower: float
     upper: float
+
+    @property
+    def maneuver_time(self) -> float:
+        """T [s]."""
+        return float(self.instants[-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,17 +77,16 @@ class GridSolution:
         return self.fraction >= 1.0 and self.residual <= RESIDUAL
 
 
-def build(problem: Problem, maneuver_time: float, cells: int) -> GridProgram:
-    """The program for `maneuver_time` [s] on a uniform grid of `cells` intervals."""
-    to_go = maneuver_time * np.linspace(1.0, 0.0, cells + 1)
-    integrated = problem.rows(to_go, 1)
+def build(problem: Problem, instants: Reals) -> GridProgram:
+    """The program on the grid of `instants` [s], ascending from 0 to the maneuver time; raises `SolverError` if it is too coarse."""
+    cells = len(instants) - 1
+    integrated = problem.rows(instants[-1] - instants, 1)
     table = integrated[:, :-1] - integrated[:, 1:]
     orthonormal, change = np.linalg.qr(table.T)
-    diagonal = np.abs(np.diag(change))
-    if diagonal.min() <= 1e-15 * cells * diagonal.max() * np.finfo(float).eps:
-        raise SolverError(f"the moment equations are dependent on {cells} intervals over {maneuver_time!r} s")
+    if np.any(np.abs(np.diag(change)) <= cells * np.finfo(float).eps * np.linalg.norm(change, axis=0)):
+        raise SolverError(f"the moment equations are dependent on {cells} intervals over {float(instants[-1])!r} s")
     target = np.linalg.solve(change.T, problem.target)
-    return GridProgram(maneuver_time, orthonormal.T, target, change, problem.lower, problem.upper)
+    return GridProgram(instants, orthonormal.T, target, change, problem.lower, problem.upper)
 
 
 @lru_cache(maxsize=8)

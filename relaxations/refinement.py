@@ -97,7 +97,10 @@ def refine(problem: Problem, costate: Reals, maneuver_time: float) -> Extremal |
         target_scale = float(np.abs(multiplier) @ np.abs(problem.target))
         matrix[-1, count + 1 :] = problem.target / target_scale
         values = np.concatenate([residual / scale, (multiplier @ at_roots) / root_scale, [(multiplier @ problem.target - 1.0) / target_scale]])
-        unit = np.concatenate([np.full(count + 1, time), np.maximum(np.abs(multiplier), np.abs(multiplier).max() * 1e-8)])
+        # A component of the costate is as large as its share in p: rows that grow or decay fast would hide the others from least squares.
+        reach = np.abs(problem.rows(edges)).max(axis=1)
+        share = np.abs(multiplier) * reach
+        unit = np.concatenate([np.full(count + 1, time), np.maximum(share, share.max() * 1e-8) / reach])
         step = -unit * np.linalg.lstsq(matrix * unit, values, rcond=None)[0]
         moved = float(np.abs(step[: count + 1]).max() / time)
         if relative <= ROUNDING and (moved <= 1e-14 or relative >= best / 2):

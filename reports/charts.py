@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -33,7 +34,7 @@ _COLOURS = {
     _UNSURE: "var(--chart-unsure, #9a6700)",
 }
 _FONT = "var(--chart-font, system-ui, sans-serif)"
-_STYLE: dict[str, object] = {
+_STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions of matplotlib name
     "axes.edgecolor": _INK,
     "axes.facecolor": "none",
     "axes.grid": True,
@@ -218,7 +219,7 @@ def _arrays(**given: ArrayLike) -> list[Float64]:
     return list(arrays.values())
 
 
-def _rc(name: str) -> dict[str, object]:
+def _rc(name: str) -> dict[Any, Any]:
     return _STYLE | {"svg.hashsalt": name}
 
 
@@ -246,5 +247,6 @@ def _svg(figure: Figure, name: str) -> str:
     box = re.search(r'viewBox="([^"]+)"', svg)
     assert box is not None  # matplotlib always writes one
     label = escape(name, quote=True)
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" viewBox="{box[1]}"'
+    spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    head = f'<svg {spaces} viewBox="{box[1]}" preserveAspectRatio="xMinYMin"'
     return f'{head} role="img" aria-label="{label}"><title>{label}</title>' + svg[svg.index(">") + 1 :].strip()

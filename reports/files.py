@@ -44,9 +44,10 @@ def _sync_folder(folder: Path) -> None:
 def json_bytes(data: Mapping[str, object] | Sequence[object]) -> bytes:
     """Readable JSON with the members in the order given, floats as their shortest exact decimals, and a final newline.
 
-    Raises `ValueError` for NaN and infinity: a number that does not exist is null.
+    Half a surrogate pair (a broken FMU may print one) becomes a question mark. Raises `ValueError` for NaN and infinity: a number
+    that does not exist is null.
     """
-    return (json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    return (json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode("utf-8", "replace")
 
 
 def sha256(path: str | os.PathLike[str]) -> str:

@@ -32,7 +32,7 @@ _BOUNDS = {
 
 def write_page(path: str | os.PathLike[str], results: Mapping[str, Any], charts: Mapping[str, str]) -> None:
     """Write `render(results, charts)` atomically. Raises `RecordError`, `OSError`."""
-    write_atomically(path, render(results, charts).encode())
+    write_atomically(path, render(results, charts).encode("utf-8", "replace"))
 
 
 def render(results: Mapping[str, Any], charts: Mapping[str, str]) -> str:

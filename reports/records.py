@@ -82,8 +82,7 @@ class Message:
             raise RecordError(f"a message's time must be finite and not negative [s], is {self.time!r}")
         if self.level not in LEVELS:
             raise RecordError(f"a message's level is one of {', '.join(LEVELS)}; this one is {self.level!r}")
-        # A broken FMU may print anything; Protobuf strings hold only what UTF-8 can.
-        object.__setattr__(self, "text", self.text.encode("utf-8", "replace").decode("utf-8"))
+        object.__setattr__(self, "text", _text(self.text))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,10 +96,10 @@ class RunLog:
     attachments: Mapping[str, bytes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "run", MappingProxyType(dict(self.run)))
+        object.__setattr__(self, "run", _texts(self.run))
         object.__setattr__(self, "attachments", MappingProxyType(dict(self.attachments)))
         if self.verdict is not None:
-            object.__setattr__(self, "verdict", MappingProxyType(dict(self.verdict)))
+            object.__setattr__(self, "verdict", _texts(self.verdict))
         topics = [s.topic for s in self.signals]
         if len(set(topics)) != len(topics):
             raise RecordError(f"each topic belongs to one signal; these are given: {', '.join(topics)}")
@@ -146,6 +145,15 @@ def _check_names(topic: str, names: tuple[str, ...]) -> None:
             raise RecordError(f"{topic}: a field name is a letter or underscore, then letters, digits, underscores; this one is {name!r}")
         if (other := seen.setdefault(_folded(name), name)) is not name or name == SECONDS:
             raise RecordError(f"{topic}: the field names {other!r} and {name!r} are too much alike (`field_names` makes distinct ones)")
+
+
+def _text(text: str) -> str:
+    """A broken FMU may print anything; the strings of a log hold only what UTF-8 can."""
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def _texts(texts: Mapping[str, str]) -> Mapping[str, str]:
+    return MappingProxyType({_text(key): _text(value) for key, value in texts.items()})
 
 
 def _read_only(given: ArrayLike) -> NDArray[np.float64]:

@@ -1,0 +1,1 @@
+"""Studies, requirements, campaigns, verdicts, evidence, and the command line `slewcert`."""

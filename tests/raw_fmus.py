@@ -25,7 +25,7 @@ class RawFmu:
         self.fmu: Any = kinds[interface == "ModelExchange"](
             guid=token or self.description.guid,
             unzipDirectory=extract(str(path), unzipdir=str(folder)),
-            modelIdentifier=getattr(self.description, "coSimulation").modelIdentifier,
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
             instanceName="instance",
         )
         self.fmu.instantiate()

@@ -131,7 +131,7 @@ def _passing() -> dict[str, Any]:
 
 
 def _failing() -> dict[str, Any]:
-    data = _passing() | {"verdict": "fail", "title": "Two-mass spring, 5 m slew, nothing robust"}
+    data: dict[str, Any] = _passing() | {"verdict": "fail", "title": "Two-mass spring, 5 m slew, nothing robust"}
     first = data["requirements"][0]
     first.update(value=0.18120000031, margin=-0.13120000031, verdict="fail", reason="0.1812 is above 0.05")
     data["bound"] = data["bound"] | {
@@ -152,7 +152,7 @@ def _failing() -> dict[str, Any]:
 
 
 def _undecided() -> dict[str, Any]:
-    data = _passing() | {"verdict": "undecided", "title": "Two-mass spring, limit at the edge"}
+    data: dict[str, Any] = _passing() | {"verdict": "undecided", "title": "Two-mass spring, limit at the edge"}
     reason = "the limit 0.04633 lies within 0.04633 ± 1e-09"
     data["requirements"][0].update(max=0.04633, limit=0.04633, margin=0.0, verdict="undecided", reason=reason)
     data["run_table"][1]["verdict"] = "undecided"
@@ -161,7 +161,7 @@ def _undecided() -> dict[str, Any]:
 
 
 def _error() -> dict[str, Any]:
-    data = _passing() | {"verdict": "error", "title": "Two-mass spring, an FMU that crashes"}
+    data: dict[str, Any] = _passing() | {"verdict": "error", "title": "Two-mass spring, an FMU that crashes"}
     detail = "The FMU ended its process (SIGSEGV in fmi3DoStep at 3.28 s)."
     for requirement in data["requirements"][:1] + data["requirements"][2:]:
         requirement.update(value=None, error=None, margin=None, verdict="error", reason=detail)
@@ -172,7 +172,12 @@ def _error() -> dict[str, Any]:
 
 def _impossible() -> dict[str, Any]:
     """No command exists: a certificate of that, no runs, overall a failure."""
-    data = _passing() | {"verdict": "fail", "title": "Two-mass spring, limits too narrow", "command": None, "simulation": None}
+    data: dict[str, Any] = _passing() | {
+        "verdict": "fail",
+        "title": "Two-mass spring, limits too narrow",
+        "command": None,
+        "simulation": None,
+    }
     data["bound"] = data["bound"] | {
         "status": "impossible",
         "maneuver_time": None,

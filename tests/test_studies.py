@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import pickle
 import re
+import shutil
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
+from typing import Literal
 
 import pytest
 from study_texts import BOX, FORMS, PLANT, RIGID, SPRING, read, requirement
 
+from fmus.build import PLANTS, build, build_folder
 from relaxations.commands import Command, Segment, Tail
 from suite import schema
 from suite.errors import StudyError
@@ -112,6 +115,20 @@ def test_a_plant_outside_its_meaning_is_an_error_at_plant(tmp_path: Path) -> Non
         plant_at(study, {"mass_1": 0})
 
 
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_an_fmu_without_a_twin_is_linearised(tmp_path: Path, version: Literal["2.0", "3.0"]) -> None:
+    shutil.copytree(PLANTS / "two_mass", tmp_path / "two_mass", ignore=shutil.ignore_patterns("twin.toml"))
+    build_folder(tmp_path / "two_mass", version, tmp_path / "stranger.fmu")
+    study = read(tmp_path, SPRING.replace('"two_mass"', '"stranger.fmu"') + BOX)
+    shipped = read(tmp_path, SPRING + BOX)
+    assert study.plant.fmu is not None
+    assert study.plant.fmu.archive.twin is None
+    at = {"stiffness": Decimal("0.75")}  # a binary fraction: the same number for the binary and for the exact twin
+    found, exact = plant_at(study, at), plant_at(shipped, at)
+    assert (found.denominator, found.numerators["output"]) == (exact.denominator, exact.numerators["output"])
+    assert "linearisation by" in found.notes[-1]
+
+
 def test_a_given_command_is_read_with_the_study(tmp_path: Path) -> None:
     command = Command(2.0, (Segment(0.0, 1.0), Segment(1.0, -1.0)), Tail(0.0))
     (tmp_path / "bang.json").write_text(json.dumps(command.to_dict()))
@@ -121,8 +138,6 @@ def test_a_given_command_is_read_with_the_study(tmp_path: Path) -> None:
 
 
 def test_an_fmu_may_be_a_file_beside_the_study(tmp_path: Path) -> None:
-    from fmus.build import build
-
     build("two_mass", "2.0", tmp_path / "mine.fmu")
     study = read(tmp_path, SPRING.replace('"two_mass"', '"mine.fmu"'))
     assert study.plant.fmu is not None

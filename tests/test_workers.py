@@ -25,6 +25,7 @@ from relaxations.commands import Command, Segment, Tail, TailTerm
 # Jumps at instants that no regular grid holds.
 BANG = Command(4.2178, (Segment(0.0, 1.0), Segment(1.0026783, -1.0), Segment(2.1089, 1.0), Segment(3.2151217, -1.0)), Tail(0.0))
 OUTPUTS = ("position_2", "position_1", "spring")
+needs_proc = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 PATIENCE = 60.0  # s; no healthy run takes a hundredth of it
 
 
@@ -48,7 +49,7 @@ def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def experiment(fmu: Path, **changes: object) -> Experiment:
     usual = Experiment(fmu, "force", OUTPUTS, {"stiffness": 2.0}, 0.0, {}, BANG, stop=10.0, step=0.5)
-    return replace(usual, **changes)  # type: ignore[arg-type]
+    return replace(usual, **changes)
 
 
 def two_masses(times: Array, steps: list[tuple[float, float, float]], stiffness: float) -> Array:
@@ -128,6 +129,18 @@ def test_the_same_child_serves_many_runs_and_is_then_replaced(folders: Path, mon
             seen += [path.name for path in folders.iterdir()]
     assert seen[0] == seen[1] != seen[2] == seen[3]
     assert list(folders.iterdir()) == []
+
+
+def test_an_fmu_that_allows_one_instance_a_process_gets_a_process_for_each(folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    with Worker() as worker:
+        opened = worker._open(build("two_mass"))
+        only = replace(opened.description, capabilities=replace(opened.description.capabilities, once_per_process=True))
+        monkeypatch.setattr(worker, "_open", lambda _: replace(opened, description=only))
+        for _ in range(2):
+            finished(worker.run(experiment(opened.path), PATIENCE))
+            seen += [path.name for path in folders.iterdir()]
+    assert len(set(seen)) == 2
 
 
 EXPECTED = {
@@ -214,7 +227,16 @@ def test_steps_of_one_size_only_are_respected() -> None:
 def test_bad_input_raises(changes: dict[str, object], words: str, worker: Worker) -> None:
     with pytest.raises(FmuError, match=words):
         worker.run(experiment(build("two_mass"), **changes), PATIENCE)
-    with pytest.raises(FmuError):
+
+
+@pytest.mark.parametrize("timeout", [0.0, -1.0, float("nan")])
+def test_a_limit_that_is_none_is_bad_input(timeout: float, worker: Worker) -> None:
+    with pytest.raises(FmuError, match="positive"):
+        worker.run(experiment(build("two_mass")), timeout)
+
+
+def test_a_missing_fmu_is_bad_input(worker: Worker) -> None:
+    with pytest.raises(FmuError, match="cannot be read"):
         worker.run(experiment(Path("missing.fmu")), PATIENCE)
 
 
@@ -225,6 +247,7 @@ def test_an_fmu_that_refuses_its_parameters_fails_with_its_own_words(fmu: Path, 
     assert outcome.trajectory is None
 
 
+@needs_proc
 def test_a_child_killed_from_outside_is_a_status(folders: Path) -> None:
     def kill() -> None:
         while not (found := children(os.getpid())):
@@ -241,7 +264,7 @@ def test_a_child_killed_from_outside_is_a_status(folders: Path) -> None:
     assert list(folders.iterdir()) == []
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@needs_proc
 def test_a_killed_parent_leaves_no_process_and_no_folder(tmp_path: Path) -> None:
     """Even while the FMU hangs: nobody else could end its child then."""
     script = f"from pathlib import Path; import test_workers as t\nt.simulate(t.experiment(Path({str(build_fault('hang'))!r})), 600.0)\n"
@@ -259,8 +282,15 @@ def test_a_killed_parent_leaves_no_process_and_no_folder(tmp_path: Path) -> None
 
 def children(pid: int) -> list[int]:
     """The processes for FMUs that a process has started."""
-    done = subprocess.run(["pgrep", "-P", str(pid), "-f", "fmus.isolated"], capture_output=True, text=True)
-    return [int(line) for line in done.stdout.split()]
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            if parent == pid and b"fmus.isolated" in (folder / "cmdline").read_bytes():
+                found.append(int(folder.name))
+        except OSError:
+            continue  # it has just ended
+    return found
 
 
 def wait_until(condition: Callable[[], bool], limit: float = 30.0) -> None:

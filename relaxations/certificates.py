@@ -1,0 +1,105 @@
+"""Writing certificates: the exact task, a costate for the lower side, a command with its unknowns for the upper side.
+
+Nothing here proves anything: a certificate counts when the checker (`relaxations.checking`), which shares no code with this, accepts it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import rfc8785
+from numpy.typing import NDArray
+
+from relaxations.maneuvers import Problem
+from relaxations.plants import fraction
+
+Reals = NDArray[np.float64]
+
+FORMAT = "slewcert-certificate/1"
+LONGEST_DECIMAL = 60  # digits; longer exact numbers are written as p/q
+
+
+def text(value: Fraction | float) -> str:
+    """An exact number as the certificate writes it: a short decimal, p/q, or a hexadecimal float."""
+    if isinstance(value, float):
+        if value == 0.0:
+            return "0"
+        mantissa, exponent = value.hex().split("p")
+        return f"{mantissa.rstrip('0').rstrip('.') if '.' in mantissa else mantissa}p{exponent}"
+    denominator, twos, fives = value.denominator, 0, 0
+    while denominator % 2 == 0:
+        denominator, twos = denominator // 2, twos + 1
+    while denominator % 5 == 0:
+        denominator, fives = denominator // 5, fives + 1
+    places = max(twos, fives)
+    digits = str(abs(value.numerator) * 10**places // value.denominator)
+    if denominator != 1 or max(places, len(digits)) > LONGEST_DECIMAL:
+        return f"{value.numerator}/{value.denominator}" if value.denominator != 1 else str(value.numerator)
+    digits = digits.rjust(places + 1, "0")
+    decimal = f"{digits[: len(digits) - places]}.{digits[len(digits) - places :]}" if places else digits
+    return ("-" if value < 0 else "") + decimal
+
+
+def task(problem: Problem) -> dict[str, Any]:
+    """The task in exact numbers."""
+    maneuver = problem.maneuver
+    plants = []
+    for plant in problem.plants:
+        polynomials = {"numerator": plant.numerators[plant.output], "denominator": plant.denominator}
+        written = {name: [text(fraction(c)) for c in reversed(p.coeffs())] for name, p in polynomials.items()}
+        plants.append({**written, "zeros": _zeros(problem)})
+    return {
+        "plants": plants,
+        "displacement": text(maneuver.displacement),
+        "rest": "state",
+        "limits": {"input": [text(maneuver.limits.lower), text(maneuver.limits.upper)]},
+        "initial_input": text(maneuver.rest),
+    }
+
+
+def _zeros(problem: Problem) -> dict[str, int]:
+    robustness = problem.maneuver.robustness
+    if isinstance(robustness, int):
+        return {f"mode[{i}]": robustness for i in range(1, len(problem.plants[0].flexible) + 1)} if robustness else {}
+    return {name: count for name, count in robustness.items() if count}
+
+
+def costate_witness(problem: Problem, costate: Reals) -> dict[str, Any]:
+    """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole."""
+    plants, at = [], 0
+    for target in problem.sets:
+        chains = []
+        for pole in target.basis.poles:
+            coefficients = []
+            for _ in range(pole.multiplicity):
+                width = 2 if pole.is_flexible else 1
+                part = costate[at : at + width]
+                coefficients.append([text(float(part[0])), text(-float(part[1])) if width == 2 else "0"])
+                at += width
+            chains.append({"near": [text(pole.value.real), text(pole.value.imag)], "coefficients": coefficients})
+        plants.append(chains)
+    return {"costate": plants, "tail": []}
+
+
+def command_witness(
+    maneuver_time: float, starts: Sequence[float], levels: Sequence[Fraction | float], free: Sequence[list[Any]], radius: float
+) -> dict[str, Any]:
+    """The upper side's witness: absolute levels on arcs, and which numbers are unknowns within `radius` of those written."""
+    segments = [{"start": text(float(s)), "level": text(level)} for s, level in zip(starts, levels, strict=True)]
+    return {"maneuver_time": text(maneuver_time), "segments": segments, "tail": [], "free": list(free), "radius": text(radius)}
+
+
+def certificate(
+    task: dict[str, Any],
+    claim: dict[str, Any],
+    lower: dict[str, Any] | None,
+    upper: dict[str, Any] | None,
+) -> bytes:
+    """Canonical bytes (RFC 8785) with their digest."""
+    content = {"format": FORMAT, "task": task, "claim": claim, "lower": lower, "upper": upper}
+    digest = hashlib.sha256(rfc8785.dumps(content)).hexdigest()
+    return rfc8785.dumps({**content, "digest": digest})
