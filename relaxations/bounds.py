@@ -1,4 +1,4 @@
-"""The minimum time of a maneuver, bracketed from both sides: the one verb of this package is `minimum_time`.
+"""The minimum time of a maneuver, bracketed from both sides: `bracket` looks for it in floating point, `relaxations.proofs` proves it.
 
     problem ──► α(T) = 1 on the grid (a handful of LPs) ──► costate roots ──► Newton on the switch times ──► [lower, upper]
 
@@ -51,7 +51,10 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """A bracket of the minimum time T* [s]: `lower` rests on `costate`, `upper` on `command`; `reason` says what is missing to a proof."""
+    """A bracket of the minimum time T* [s]: `lower` rests on `costate`, `upper` on `command`; `reason` says what is missing to a proof.
+
+    `certificate` holds what was proven, in a form that `relaxations.checking` verifies.
+    """
 
     status: Status
     lower: float
@@ -62,6 +65,7 @@ class Bound:
     reason: str | None
     programs: int
     seconds: float
+    certificate: bytes | None = None
 
     @property
     def gap(self) -> float | None:
@@ -83,11 +87,12 @@ class GridMinimum:
 
 
 FARTHEST = 1e6  # times the plant's own time scale: a target that is out of reach until then is called so
+LARGEST_EXPONENT = 600.0  # of e^{pT} for an unstable pole p: a double ends at e^709
 
 NOT_PROVEN = "both sides were evaluated in floating point"
 
 
-def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
+def bracket(problem: Problem, settings: Settings | None = None) -> Bound:
     """Bracket the least maneuver time of `problem`.
 
     Raises `SolverError` if a program could not be solved. A task whose target stays out of reach at every time that was tried comes back
@@ -123,7 +128,8 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
     return bound(command.maneuver_time, grid.above.costate, command, None, reason)
 
 
-def _instants(problem: Problem, horizon: float, settings: Settings) -> Reals:
+def instants(problem: Problem, horizon: float, settings: Settings) -> Reals:
+    """The grid [s] that these settings ask for."""
     least = max(settings.least_cells, settings.cells_per_equation * problem.size)
     return grid(problem, horizon, least, settings.cells_per_period, settings.most_cells)
 
@@ -134,13 +140,15 @@ def grid_minimum(problem: Problem, settings: Settings) -> GridMinimum:
     With the costate scaled to `λᵀ target = 1`, `dα/dT = σ(p(T))`. On logarithms a rigid body (α ~ T^m) is solved in one step, and no unit
     of time or amplitude matters.
     """
-    horizon = first = _first_guess(problem)
+    growth = max((pole.value.real for target in problem.sets for pole in target.basis.poles), default=0.0)
+    horizon = first = _first_guess(problem) if growth <= 0.0 else min(_first_guess(problem), 1.0 / growth)
+    farthest = FARTHEST * first if growth <= 0.0 else LARGEST_EXPONENT / growth
     below: programs.GridSolution | None = None
     above: programs.GridSolution | None = None
-    count = 0
+    count, distance, stretch = 0, math.inf, 1.0
     while count < settings.programs:
         count += 1
-        solution = programs.solve(programs.build(problem, _instants(problem, horizon, settings)))
+        solution = programs.solve(programs.build(problem, instants(problem, horizon, settings)))
         fraction = solution.fraction
         if solution.reaches:
             above = solution
@@ -148,25 +156,39 @@ def grid_minimum(problem: Problem, settings: Settings) -> GridMinimum:
             below = solution
         if solution.reaches and fraction <= 1.0 + settings.tolerance:
             break
-        if above is None and horizon > FARTHEST * first:
+        if above is None and horizon >= farthest:
             break
         if above and below and above.program.maneuver_time / below.program.maneuver_time - 1.0 <= settings.tolerance:
             break
+        # The costate's slope is that of continuous time: where the grid cannot follow short arcs, Newton's steps are too short.
+        off = -math.log(max(fraction, 1e-300))
+        slow, distance = abs(off) > distance / 4, abs(off)
+        stretch = 4.0 * stretch if slow else 1.0
         end = float(solution.costate @ problem.rows([horizon])[:, 0])
         slope = max(problem.upper * end, problem.lower * end)
         exponent = horizon * slope / fraction if fraction > 1e-9 else 0.0
-        if exponent > 1e-3:
+        if slow and below and above and below.fraction > 0.0:
+            ratio = _secant(below, above) / horizon
+        elif exponent > 1e-3:
             # Aim a hair beyond the root, so that the last program lies on the feasible side.
-            ratio = math.exp(min(max((math.log1p(settings.tolerance / 2) - math.log(fraction)) / exponent, -3.0), 3.0))
+            aim = (math.log1p(settings.tolerance / 2) + off) / exponent
+            ratio = math.exp(min(max(aim * (stretch if above is None else 1.0), -1.0), 1.0))
         else:
             ratio = 2.0
-        following = horizon * ratio
+        following = min(horizon * ratio, farthest)
         low = below.program.maneuver_time if below else 0.0
         high = above.program.maneuver_time if above else math.inf
         if not low < following < high:
-            following = math.sqrt(low * high) if low > 0.0 and math.isfinite(high) else (2 * low if math.isinf(high) else high / 4)
+            following = math.sqrt(low * high) if low > 0.0 and math.isfinite(high) else (min(2 * low, farthest) if math.isinf(high) else high / 4)
         horizon = following
     return GridMinimum(below, above, count)
+
+
+def _secant(below: programs.GridSolution, above: programs.GridSolution) -> float:
+    """Where α = 1 on the straight line through two solutions in log α against log T [s]."""
+    start, stop = math.log(below.program.maneuver_time), math.log(above.program.maneuver_time)
+    rise = math.log(above.fraction) - math.log(below.fraction)
+    return math.exp(start - math.log(below.fraction) * (stop - start) / rise) if rise > 0.0 else math.exp((start + stop) / 2)
 
 
 def _first_guess(problem: Problem) -> float:

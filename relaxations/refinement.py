@@ -99,6 +99,7 @@ def refine(problem: Problem, costate: Reals, maneuver_time: float) -> Extremal |
         values = np.concatenate([residual / scale, (multiplier @ at_roots) / root_scale, [(multiplier @ problem.target - 1.0) / target_scale]])
         # A component of the costate is as large as its share in p: rows that grow or decay fast would hide the others from least squares.
         reach = np.abs(problem.rows(edges)).max(axis=1)
+        reach[reach == 0.0] = 1.0
         share = np.abs(multiplier) * reach
         unit = np.concatenate([np.full(count + 1, time), np.maximum(share, share.max() * 1e-8) / reach])
         step = -unit * np.linalg.lstsq(matrix * unit, values, rcond=None)[0]

@@ -1,4 +1,4 @@
-"""The campaign: the command on the plant's FMU, once for the nominal plant and once for every sample of the box, each run judged and logged."""
+"""The campaign: the command on the FMU, once for the nominal plant and once for every sample of the box, each run judged and logged."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import json
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 
+from fmus.errors import FmuError
 from fmus.stepping import Experiment, Outcome, RunStatus
 from fmus.workers import Worker
 from relaxations.commands import Command
@@ -22,6 +23,7 @@ from relaxations.plants import LinearPlant
 from relaxations.response import response
 from reports import logs
 from reports.files import sha256
+from reports.records import RunLog
 from suite.ledger import Ledger
 from suite.observations import Setting, Subject, observe, record, with_verdict
 from suite.plants import plant_at
@@ -144,17 +146,18 @@ def carry_out(
     study: Study,
     subject: Subject,
     bracket: tuple[float | None, float | None],
+    planned: Sequence[Sample],
     folder: Path,
     ledger: Ledger,
     jobs: int,
     finished: Callable[[RunResult], None] = lambda result: None,
 ) -> tuple[RunResult, ...]:
-    """Make every run that the ledger does not hold yet, `jobs` at a time; the results come in the order of the samples.
+    """Make every planned run that the ledger does not hold yet, `jobs` at a time; the results come in the order of the samples.
 
     A log is on disk before its row is in the ledger. `finished` is called after each run, in the order in which they end.
     """
     (folder / RUNS).mkdir(exist_ok=True)
-    lock, workers, local = threading.Lock(), [], threading.local()
+    lock, stopping, workers, local = threading.Lock(), threading.Event(), [], threading.local()
 
     def worker() -> Worker:
         if not hasattr(local, "worker"):
@@ -174,6 +177,8 @@ def carry_out(
                 finished(result)
                 return result
         result = run(study, subject, sample, setting, worker(), folder)
+        if stopping.is_set():
+            raise CancelledError  # its process was ended from here, which says nothing about the FMU
         with lock:
             ledger.add(identity, result.name, result.verdict.value, result.to_row())
         finished(result)
@@ -181,12 +186,15 @@ def carry_out(
 
     try:
         with ThreadPoolExecutor(jobs, thread_name_prefix="run") as pool:
-            futures = [pool.submit(one, sample) for sample in samples(study)]
+            futures = [pool.submit(one, sample) for sample in planned]
             try:
                 return tuple(future.result() for future in futures)
             except BaseException:
+                stopping.set()
                 for future in futures:
                     future.cancel()
+                for each in workers:  # an FMU that hangs would hold us until its time is up
+                    each.close()
                 raise
     finally:
         for each in workers:
@@ -194,7 +202,9 @@ def carry_out(
 
 
 def _intact(folder: Path, result: RunResult) -> bool:
-    path = folder / (result.log or "")
+    if result.log is None:  # the run passed, and its log was not wanted
+        return True
+    path = folder / result.log
     return path.is_file() and sha256(path) == result.sha256
 
 
@@ -260,8 +270,13 @@ def run(study: Study, subject: Subject, sample: Sample, setting: Setting, worker
     )
 
 
-def _simulate(subject: Subject, sample: Sample, setting: Setting, worker: Worker, experiment: Experiment, timeout: float):
-    outcome: Outcome = worker.run(experiment, timeout)
+def _simulate(
+    subject: Subject, sample: Sample, setting: Setting, worker: Worker, experiment: Experiment, timeout: float
+) -> tuple[RunLog, Outcome]:
+    try:
+        outcome = worker.run(experiment, timeout)
+    except FmuError as problem:  # the study was checked, but a file can vanish, a process fail to start: the other runs go on
+        outcome = Outcome(RunStatus.FAILED, str(problem), None, 0.0)
     trajectory = outcome.trajectory
     if trajectory is None or not len(trajectory.times):
         return record(subject, setting, replace(outcome, trajectory=None), np.zeros(0)), outcome

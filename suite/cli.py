@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import sys
@@ -13,7 +14,8 @@ from typing import Any, ParamSpec, TypeVar
 
 import click
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 USAGE, INCONCLUSIVE, FAILED, INTERRUPTED = 2, 3, 1, 130
 """Exit codes other than 0: bad input; undecided, in error or incomplete; fail, differs or impossible; Ctrl-C."""
@@ -25,6 +27,9 @@ AS_JSON = click.option("--json", "as_json", is_flag=True, help="Write one JSON o
 @click.version_option(package_name="slewcert")
 def main() -> None:
     """Move flexible machines fast, and say how fast that can be: design, co-simulate, judge, leave evidence."""
+    for stream in (sys.stdout, sys.stderr):  # a sign that the terminal lacks becomes "?", not a traceback
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 @contextmanager
@@ -73,8 +78,8 @@ def verify(study: Path, out: Path | None, jobs: int, resume: bool, force: bool, 
     """
     from suite import console
     from suite.study import load_study
-    from suite.verification import verify as run
     from suite.verdicts import Verdict
+    from suite.verification import verify as run
 
     if resume and force:
         raise click.UsageError("--resume goes on with what --force would replace: give one of them")
@@ -166,4 +171,4 @@ def fmus_build(names: tuple[str, ...], out: Path | None, as_json: bool) -> None:
 
 
 def _print_json(record: Mapping[str, Any]) -> None:
-    click.echo(json.dumps(record, ensure_ascii=False, allow_nan=False))
+    click.echo(json.dumps(record, allow_nan=False))  # in ASCII, which holds paths of any bytes and passes through any terminal

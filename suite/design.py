@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 
-from relaxations.bounds import Bound, minimum_time
+from relaxations.bounds import Bound
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant
+from relaxations.proofs import minimum_time
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.plants import nominal_plant
 from suite.study import Study

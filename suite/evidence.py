@@ -14,10 +14,9 @@ import numpy as np
 from relaxations.response import jumps
 from relaxations.sensitivity import residual
 from reports import charts, files, junit, layouts, logs, manifest, pages
-from reports.records import RunLog
 from suite.campaign import RunResult
 from suite.design import Design, bound_record
-from suite.observations import observe
+from suite.observations import INPUT, observe
 from suite.quantities import Observation
 from suite.study import Requirement, Study
 from suite.verdicts import Judgement, Measured, Verdict, judge_run, limit
@@ -27,7 +26,7 @@ RESULTS, REPORT, JUNIT, LAYOUT = "results.json", "report.html", "junit.xml", "la
 SOLVERS = ("cvxpy", "clarabel", "numpy", "scipy", "fmpy", "mcap", "python-flint")
 UNPROVEN = (
     "The bracket of the minimum time was evaluated in floating point; it carries no certificate.",
-    "Every value that a requirement is judged by was measured on simulations of the FMU at the samples of the box; between them nothing is known.",
+    "Every value that a requirement is judged by was measured on simulations of the FMU at samples of the box; between them nothing is known.",
     "The distance between the FMU and the linear plant (model_mismatch) is measured, not proven.",
 )
 TRUST_BASE = (
@@ -35,6 +34,11 @@ TRUST_BASE = (
     "the step-halving estimate of the numerical error",
     "CPython, NumPy, SciPy, python-flint (exact poles), cvxpy and Clarabel (candidates only)",
 )
+
+
+def printable(name: str) -> str:
+    """A file's name with question marks for bytes that are no UTF-8: evidence is text."""
+    return name.encode("utf-8", "replace").decode()
 
 
 def number(value: float | None) -> float | None:
@@ -53,10 +57,10 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         "title": study.title,
         "version": importlib.metadata.version("slewcert"),
         "verdict": verdict.value,
-        "study": {"file": study.file.name, "sha256": study.sha256},
+        "study": {"file": printable(study.file.name), "sha256": study.sha256},
         "plant": {
             "name": fmu.name,
-            "fmu": fmu.archive.path.name,
+            "fmu": printable(fmu.archive.path.name),
             "sha256": fmu.archive.sha256,
             "binary_sha256": fmu.archive.binary_sha256,
             "fmi_version": fmu.archive.description.fmi_version,
@@ -99,7 +103,8 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
 
 def environment() -> dict[str, str]:
     """Versions of what the numbers rest on."""
-    return {"python": platform.python_version(), "platform": platform.machine()} | {name: importlib.metadata.version(name) for name in SOLVERS}
+    versions = {name: importlib.metadata.version(name) for name in SOLVERS}
+    return {"python": platform.python_version(), "platform": platform.machine(), **versions}
 
 
 def tally(runs: Sequence[RunResult]) -> dict[str, int]:
@@ -150,32 +155,35 @@ def write(folder: Path, results: Mapping[str, Any], study: Study, design: Design
     files.write_atomically(folder / "plant" / "modelDescription.xml", fmu.archive.description_xml)
     if fmu.archive.twin is not None:
         files.write_atomically(folder / "plant" / "twin.toml", fmu.archive.twin.encode())
-    hashes = {"fmu": fmu.archive.path.name, "sha256": fmu.archive.sha256, "binary_sha256": fmu.archive.binary_sha256}
+    hashes = {"fmu": printable(fmu.archive.path.name), "sha256": fmu.archive.sha256, "binary_sha256": fmu.archive.binary_sha256}
     files.write_atomically(folder / "plant" / "hashes.json", files.json_bytes(hashes))
     files.write_atomically(folder / RESULTS, files.json_bytes(results))
     files.write_atomically(folder / JUNIT, junit.junit_bytes(results))
-    kept = {result.name: logs.read_log(folder / result.log) for result in runs if result.log is not None}
+    kept = {result.name: folder / result.log for result in runs if result.log is not None}
     drawings = draw(results, design, study.requirements, kept)
     files.write_atomically(folder / REPORT, pages.render(results, drawings).encode())
     if kept:
-        layout = layouts.layout_bytes(next(iter(kept.values())).signals)
+        layout = layouts.layout_bytes(logs.read_log(next(iter(kept.values()))).signals)
         files.write_atomically(folder / "runs" / LAYOUT, layout)
     extra = {"slewcert": results["version"], "seed": study.simulation.seed, "environment": environment(), "fmu_sha256": fmu.archive.sha256}
     manifest.write_manifest(folder, extra)
     return folder / REPORT
 
 
-def draw(
-    results: Mapping[str, Any], design: Design, requirements: Sequence[Requirement], kept: Mapping[str, RunLog]
-) -> dict[str, str]:
-    """The page's charts (SVG by title): the worst and the nominal run, the sweep of each requirement, the sensitivity of the command."""
+def draw(results: Mapping[str, Any], design: Design, requirements: Sequence[Requirement], kept: Mapping[str, Path]) -> dict[str, str]:
+    """The page's charts (SVG by title): the worst and the nominal run, the sweep of each requirement, the sensitivity of the command.
+
+    `kept` holds the logs' paths by the runs' names.
+    """
     drawings: dict[str, str] = {}
     chosen = dict.fromkeys([*(r["run"] for r in results["run_table"] if r["nominal"]), *(r["worst_run"] for r in results["requirements"])])
-    shown = [name for name in chosen if name in kept and any(s.topic == "/plant/input" for s in kept[name].signals)]
-    for name in shown[:4]:
+    for name in [name for name in chosen if name in kept][:4]:
+        log = logs.read_log(kept[name])
+        if all(signal.topic != INPUT for signal in log.signals):  # the run failed before its first point
+            continue
         parameters = next(r["parameters"] for r in results["run_table"] if r["run"] == name)
         title = f"Run {name}" + "".join(f", {key} = {value:.6g}" for key, value in parameters.items())
-        drawings[title] = _response_chart(title, results, observe(kept[name]), requirements)
+        drawings[title] = _response_chart(title, results, observe(log), requirements)
     for axis in results["uncertainty"]:
         others = [other["parameter"] for other in results["uncertainty"] if other is not axis]
         for requirement in requirements:

@@ -2,24 +2,46 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
 from enum import StrEnum
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from reports import logs, manifest
+from relaxations.errors import RelaxationsError
+from reports import files, logs, manifest
 from reports.errors import LogError, ManifestError, RecordError
 from reports.records import RunLog
-from suite.campaign import run_verdict
+from suite.campaign import RUNS, run_verdict
+from suite.errors import SuiteError
 from suite.evidence import RESULTS, number
-from suite.observations import measured_in, observe, requirements_in
+from suite.observations import COMMAND_FILE, measured_in, observe, requirements_in
 from suite.quantities import evaluate
-from suite.quantity_names import parse_quantity
+from suite.quantity_names import Quantity, parse_quantity
+from suite.study import Requirement, Uncertainty
+from suite.study_file import parse
+from suite.study_meaning import GRID
 from suite.verdicts import Judgement, Measured, RunVerdict, Verdict, judge, overall
 
+MALFORMED = (
+    LookupError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,
+    AssertionError,
+    RecursionError,
+    RelaxationsError,
+    SuiteError,
+)
+"""What reading a record of the wrong shape may raise: whoever changed a file chose what is in it."""
+
+STUDY = "study.toml"
 TOLERANCE = 1e-9  # relative: the same code on the same numbers differs by the last bits of another machine's library at most
 
 
@@ -58,7 +80,8 @@ class Review:
     def to_dict(self) -> dict[str, object]:
         """The object of `review --json` (docs/schemas.md)."""
         files = [{"path": path, "status": status} for path, status in self.files]
-        return {"status": str(self.status), "requirements": [row.to_dict() for row in self.rows], "files": files, "findings": list(self.findings)}
+        rows = [row.to_dict() for row in self.rows]
+        return {"status": str(self.status), "requirements": rows, "files": files, "findings": list(self.findings)}
 
 
 def agree(recorded: float, recomputed: float) -> bool:
@@ -83,7 +106,7 @@ def review(path: Path) -> Review:
         return Review(ReviewStatus.INCOMPLETE, (), ((path.name, "incomplete"),), (f"{path.name} ends before its verdict",))
     try:
         rows, findings, _ = _review_log(path.stem, log)
-    except (KeyError, ValueError, TypeError) as problem:
+    except MALFORMED as problem:
         return Review(ReviewStatus.TAMPERED, (), ((path.name, "changed"),), (f"{path.name} is no log of a run: {problem!r}",))
     return Review(ReviewStatus.DIFFERS if findings else ReviewStatus.CONFIRMED, rows, ((path.name, "ok"),), findings)
 
@@ -124,31 +147,38 @@ def _value(measured: Measured | None) -> float | None:
 def _review_folder(folder: Path) -> Review:
     try:
         statuses = manifest.check_manifest(folder)
-        results = json.loads((folder / RESULTS).read_bytes())
+        results = json.loads((folder / RESULTS).read_bytes())  # NaN and infinities, which are no JSON, agree with no value
     except ManifestError as problem:
         missing = not (folder / manifest.NAME).is_file()
         return Review(ReviewStatus.INCOMPLETE if missing else ReviewStatus.TAMPERED, (), (), (str(problem),))
-    except (OSError, ValueError) as problem:
-        return Review(ReviewStatus.TAMPERED, (), ((RESULTS, "missing"),), (f"{RESULTS} cannot be read: {problem}",))
-    files = tuple((status.path, str(status.status)) for status in statuses)
-    tampered = [f"{path} is {status}" for path, status in files if status != "ok"]
+    except (OSError, ValueError, RecursionError) as problem:
+        return Review(
+            ReviewStatus.TAMPERED,
+            (),
+            ((RESULTS, "missing" if isinstance(problem, OSError) else "changed"),),
+            (f"{RESULTS} cannot be read: {problem}",),
+        )
+    listed = tuple((status.path, str(status.status)) for status in statuses)
+    tampered = [f"{path} is {status}" for path, status in listed if status != "ok"]
     try:
         rows, findings, incomplete = _review_results(folder, results)
-    except (KeyError, ValueError, TypeError, AssertionError) as problem:
-        return Review(ReviewStatus.TAMPERED, (), files, (*tampered, f"{RESULTS} or a log is malformed: {problem!r}"))
+    except (*MALFORMED, OSError) as problem:
+        return Review(ReviewStatus.TAMPERED, (), listed, (*tampered, f"{RESULTS} or a log is malformed: {problem!r}"))
     if tampered:
         status = ReviewStatus.TAMPERED
     elif findings:
         status = ReviewStatus.DIFFERS
     else:
         status = ReviewStatus.INCOMPLETE if incomplete else ReviewStatus.CONFIRMED
-    return Review(status, rows, files, (*tampered, *findings, *incomplete))
+    return Review(status, rows, listed, (*tampered, *findings, *incomplete))
 
 
 def _review_results(folder: Path, results: Mapping[str, Any]) -> tuple[tuple[Row, ...], list[str], list[str]]:
     findings: list[str] = []
     incomplete: list[str] = []
     seen: dict[str, dict[str, Measured]] = {}
+    study = parse(folder / STUDY, (folder / STUDY).read_bytes())
+    findings += _missing_runs(results, study)
     for entry in results["run_table"]:
         name = entry["run"]
         # Of a run whose log was not kept only the record is left: nothing can be computed again.
@@ -164,45 +194,90 @@ def _review_results(folder: Path, results: Mapping[str, Any]) -> tuple[tuple[Row
             incomplete.append(f"{name}: the log ends before its verdict")
             continue
         _, differing, recomputed = _review_log(name, log)
-        findings += differing
+        findings += [*differing, *(f"{name}: the log is about another {what}" for what in _about_another(folder, results, entry, log))]
         if log.verdict["verdict"] != entry["verdict"]:
             findings.append(f"{name}: the table says {entry['verdict']}, the log {log.verdict['verdict']}")
         for quantity, value in recomputed.items():
             told = seen[name].get(quantity)
             if told is None or not agree(told.value, value.value if math.isfinite(value.value) else math.inf):
-                findings.append(f"{name}: {quantity} is {'absent' if told is None else repr(told.value)} in the table, the signals give {value.value!r}")
+                recorded = "absent" if told is None else repr(told.value)
+                findings.append(f"{name}: {quantity} is {recorded} in the table, the signals give {value.value!r}")
         seen[name] = recomputed
-    return *_judge_again(folder, results, seen, findings), incomplete
+    return _judge_again(study, results, seen, findings), findings, incomplete
+
+
+def _about_another(folder: Path, results: Mapping[str, Any], entry: Mapping[str, Any], log: RunLog) -> Iterator[str]:
+    """In what a log is not the one that the table speaks of."""
+    facts, bracket = json.loads(log.run["facts"]), results["bound"]["maneuver_time"]
+    parameters = {name: float(Fraction(value)) for name, value in json.loads(log.run["parameters"]).items()}
+    agreeing = {
+        "run": log.run["run"] == entry["run"] and entry["log"] == f"{RUNS}/{entry['run']}.mcap",
+        "sample": parameters == entry["parameters"] and json.loads(log.run["nominal"]) is entry["nominal"],
+        "end": log.run["status"] == entry["status"] and log.run["detail"] == entry["detail"],
+        "study": log.run["study_sha256"] == results["study"]["sha256"] == files.sha256(folder / STUDY),
+        "FMU": log.run["fmu_sha256"] == results["plant"]["sha256"],
+        "command": json.loads(log.attachments[COMMAND_FILE]) == results["command"],
+        "bracket": (facts["lower"], facts["upper"]) == (bracket["lower"], bracket["upper"]),
+        "displacement": facts["displacement"] == results["task"]["displacement"],
+    }
+    return (what for what, agrees in agreeing.items() if not agrees)
+
+
+def _missing_runs(results: Mapping[str, Any], study: Mapping[str, Any]) -> Iterator[str]:
+    """What the run table leaves out of the study's box, and whether it was counted rightly."""
+    table = results["run_table"]
+    if results["command"] is None:
+        return
+    axes = [
+        Uncertainty(axis["parameter"], *map(Decimal, axis["range"]), axis.get("samples", GRID)) for axis in study.get("uncertainty", [])
+    ]
+    made = {tuple(entry["parameters"][axis.parameter] for axis in axes) for entry in table}
+    left_out = sum(tuple(map(float, sample)) not in made for sample in itertools.product(*(axis.values for axis in axes)))
+    if left_out:
+        yield f"{left_out} samples of the study's box are not among the runs"
+    if [entry["nominal"] for entry in table].count(True) != 1:
+        yield "the nominal plant is not run once"
+    verdicts = [entry["verdict"] for entry in table]
+    counts = {"total": len(table), "passed": verdicts.count("pass"), "failed": verdicts.count("fail"), "errors": verdicts.count("error")}
+    if counts != results["runs"]:
+        yield f"the runs are counted as {results['runs']}, the table has {counts}"
 
 
 def _judge_again(
-    folder: Path, results: Mapping[str, Any], seen: Mapping[str, Mapping[str, Measured]], findings: list[str]
-) -> tuple[tuple[Row, ...], list[str]]:
+    study: Mapping[str, Any], results: Mapping[str, Any], seen: Mapping[str, Mapping[str, Measured]], findings: list[str]
+) -> tuple[Row, ...]:
     """Every requirement of the folder's own study, judged on the values of all runs."""
-    from suite.study_file import parse
-
-    asked = {r["id"]: r for r in parse(folder / "study.toml", (folder / "study.toml").read_bytes()).get("requirement", [])}
+    asked = {r["id"]: _asked(r, results["plant"]["output"]["name"], bool(study.get("uncertainty"))) for r in study.get("requirement", [])}
     table = {entry["run"]: entry for entry in results["run_table"]}
     rows, judgements = [], []
     for entry in results["requirements"]:
-        study = asked.pop(entry["id"], None)
-        if study is None or any(_real_or_none(study.get(key)) != entry[key] for key in ("min", "max")) or study["quantity"] != entry["quantity"]:
-            findings.append(f"{entry['id']}: the study asks for something else")
         requirement = _as_requirement(entry)
+        if asked.pop(entry["id"], None) != (str(requirement.quantity), requirement.minimum, requirement.maximum, requirement.scope):
+            findings.append(f"{entry['id']}: the study asks for something else")
         quantity = str(requirement.quantity)
         runs = [RunVerdict(name, table[name]["nominal"], values.get(quantity), table[name]["detail"]) for name, values in seen.items()]
         judgement = judge(requirement, runs)
+        if results["command"] is None:  # nothing was run, so nothing is decided
+            judgement = replace(judgement, verdict=Verdict.UNDECIDED)
         judgements.append(judgement)
         rows.append(Row(entry["id"], entry["value"], _value(judgement.measured), judgement.verdict.value))
-        if results["command"] is not None:
-            findings += _compare(entry, judgement)
+        findings += _compare(entry, judgement)
     findings += [f"{name}: the study asks for it, the results do not have it" for name in asked]
-    if results["command"] is not None:
-        broken = [Verdict.ERROR for values in seen.values() if not values]
-        verdict = overall([*(judgement.verdict for judgement in judgements), *broken])
-        if verdict.value != results["verdict"]:
-            findings.append(f"the verdict is recorded as {results['verdict']}, the signals give {verdict.value}")
-    return tuple(rows), findings
+    broken = [Verdict.ERROR for values in seen.values() if not values]
+    nothing = [Verdict.UNDECIDED] if results["command"] is None else []
+    verdict = overall([*(judgement.verdict for judgement in judgements), *broken, *nothing])
+    if verdict.value != results["verdict"]:
+        findings.append(f"the verdict is recorded as {results['verdict']}, the signals give {verdict.value}")
+    return tuple(rows)
+
+
+def _asked(written: Mapping[str, Any], output: str, has_box: bool) -> tuple[str, float | None, float | None, str]:
+    """Quantity, limits and scope of a requirement as the study's file has it."""
+    quantity = parse_quantity(written["quantity"])
+    if quantity.variable == "output":
+        quantity = Quantity(quantity.name, variable=output)
+    lowest, highest = (None if written.get(key) is None else float(written[key]) for key in ("min", "max"))
+    return str(quantity), lowest, highest, written.get("scope") or ("box" if has_box else "nominal")
 
 
 def _compare(entry: Mapping[str, Any], judgement: Judgement) -> Iterable[str]:
@@ -213,19 +288,13 @@ def _compare(entry: Mapping[str, Any], judgement: Judgement) -> Iterable[str]:
         yield f"{entry['id']}: the value is recorded as {entry['value']!r}, the signals give {again!r}"
 
 
-def _as_requirement(entry: Mapping[str, Any]) -> Any:
-    from suite.study import Requirement
-
+def _as_requirement(entry: Mapping[str, Any]) -> Requirement:
     quantity = parse_quantity(entry["quantity"])
     return Requirement(entry["id"], entry["text"], quantity, entry["min"], entry["max"], entry["unit"], entry["scope"])
 
 
 def _real(value: float | None) -> float:
     return math.inf if value is None else float(value)
-
-
-def _real_or_none(value: object) -> float | None:
-    return None if value is None else float(str(value))
 
 
 __all__: Sequence[str] = ["Review", "ReviewStatus", "Row", "review"]

@@ -82,8 +82,10 @@ def judge(requirement: Requirement, runs: Iterable[RunVerdict]) -> Judgement:
     scope = [run for run in runs if run.nominal or requirement.scope == "box"]
     broken = [run for run in scope if run.measured is None]
     measured = [(run, run.measured, judge_run(requirement, run.measured)) for run in scope if run.measured is not None]
-    worst = min(measured, key=lambda item: _rank(requirement, item[1]), default=None)
     verdict = overall([*(outcome for _, _, outcome in measured), *([Verdict.ERROR] if broken or not scope else [])])
+    # A run that is undecided may have less margin than one that surely fails: the evidence is a run that has the verdict.
+    decisive = [item for item in measured if item[2] is verdict] or measured
+    worst = min(decisive, key=lambda item: _rank(requirement, item[1]), default=None)
     if verdict is Verdict.ERROR and broken:
         return Judgement(requirement, verdict, None, broken[0].run, _errors(broken))
     if worst is None:

@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 import importlib.metadata
-import shutil
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from reports import files, manifest
+from reports import files
 from suite import evidence
-from suite.campaign import RunResult, carry_out, samples
+from suite.campaign import RunResult, Sample, carry_out, samples, settle
 from suite.design import Design, design
-from suite.errors import ABSENT, Mistake, StudyError, SuiteError
+from suite.errors import ABSENT, Mistake, StudyError
+from suite.folders import LEDGER, check, prepare
 from suite.ledger import Ledger
 from suite.observations import Channel, Subject
 from suite.study import FmuPlant, Study
 from suite.verdicts import Judgement, Verdict, judge, overall
 
-LEDGER = "ledger.sqlite"
-OURS = ("study.toml", LEDGER, manifest.NAME)
-"""A folder with one of these is an evidence folder, and may be replaced or resumed."""
-
-
-class FolderError(SuiteError):
-    """The output folder cannot be used as asked."""
+MOST_RUNS = 100_000  # of one campaign; what lies between samples is not known better by more of them on one machine
+MOST_POINTS = 2_000_000  # communication points of one run: its log is then a quarter of a gigabyte, and no viewer opens more
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +42,9 @@ class Verification:
     report: Path
 
 
-def verify(study: Study, folder: Path, *, jobs: int = 1, resume: bool = False, force: bool = False, progress: Progress | None = None) -> Verification:
+def verify(
+    study: Study, folder: Path, *, jobs: int = 1, resume: bool = False, force: bool = False, progress: Progress | None = None
+) -> Verification:
     """Design the study's command, run it on the FMU over the box, judge every requirement and write the evidence folder.
 
     Raises `StudyError` or `FolderError` before anything is written if the request cannot be carried out.
@@ -54,13 +52,10 @@ def verify(study: Study, folder: Path, *, jobs: int = 1, resume: bool = False, f
     shown = progress or Progress()
     fmu = study.plant.fmu
     if fmu is None:
-        raise StudyError(str(study.file), [Mistake("plant.fmu", ABSENT, "is missing: verify runs the command on an FMU (bound does not need one)")])
+        raise refusal(study, "plant.fmu", "is missing: verify runs the command on an FMU (bound does not need one)")
+    check(folder, study, resume=resume, force=force)
     made = design(study)
-    planned = samples(study)
-    unstable = [sample.name for sample in planned if sample.plant.is_unstable]
-    if unstable:
-        message = f"the plant is unstable (in {', '.join(unstable[:5])}): an open-loop command means nothing on it; bound works"
-        raise StudyError(str(study.file), [Mistake("plant", ABSENT, message)])
+    planned = _planned(study, made)
     prepare(folder, study, resume=resume, force=force)
     files.write_atomically(folder / "study.toml", study.source)
     runs: tuple[RunResult, ...] = ()
@@ -69,13 +64,12 @@ def verify(study: Study, folder: Path, *, jobs: int = 1, resume: bool = False, f
         shown.planned(len(planned))
         with Ledger(folder / LEDGER) as ledger:
             bracket = made.bound.lower, made.bound.upper
-            runs = carry_out(study, subject, bracket, folder, ledger, jobs, shown.finished)
+            runs = carry_out(study, subject, bracket, planned, folder, ledger, jobs, shown.finished)
     judgements = tuple(judge(requirement, [run.seen_by(requirement.quantity) for run in runs]) for requirement in study.requirements)
-    if made.command is None:
-        judgements = tuple(replace(judgement, reason=made.bound.reason or "no command was found") for judgement in judgements)
     verdict = overall([*(judgement.verdict for judgement in judgements), *(Verdict.ERROR for run in runs if not run.measured)])
     if made.command is None:
-        verdict = Verdict.UNDECIDED
+        verdict, reason = Verdict.UNDECIDED, made.bound.reason or "no command was found"
+        judgements = tuple(replace(judgement, verdict=verdict, reason=reason) for judgement in judgements)
     if study.keep_logs == "worst":
         runs = _drop(folder, runs, judgements)
     results = evidence.collect(study, made, judgements, runs, verdict)
@@ -83,26 +77,28 @@ def verify(study: Study, folder: Path, *, jobs: int = 1, resume: bool = False, f
     return Verification(verdict, results, folder, report)
 
 
-def prepare(folder: Path, study: Study, *, resume: bool, force: bool) -> None:
-    """Make the folder usable, or raise `FolderError`: what exists is kept unless it is ours and `resume` or `force` was asked for."""
-    if folder.exists() and not folder.is_dir():
-        raise FolderError(f"{folder} is a file; the evidence needs a folder of its own")
-    if folder.is_dir() and any(folder.iterdir()):
-        if not any((folder / name).is_file() for name in OURS):
-            raise FolderError(f"{folder} is not empty and holds no evidence of ours: it is left alone; choose another --out")
-        if resume:
-            _resumable(folder, study)
-        elif force:
-            shutil.rmtree(folder)
-        else:
-            raise FolderError(f"{folder} exists: --resume continues its runs, --force replaces it, --out DIR writes elsewhere")
-    folder.mkdir(parents=True, exist_ok=True)
+def refusal(study: Study, path: str, message: str) -> StudyError:
+    """The error that says why a study that is right by itself cannot be verified."""
+    return StudyError(str(study.file), [Mistake(path, ABSENT, message)])
 
 
-def _resumable(folder: Path, study: Study) -> None:
-    kept = folder / "study.toml"
-    if kept.is_file() and kept.read_bytes() != study.source:
-        raise FolderError(f"{folder} belongs to another study (its study.toml differs from {study.file}): use --force or another --out")
+def _planned(study: Study, made: Design) -> tuple[Sample, ...]:
+    """The runs to be made; raises `StudyError` if they are too many or too long, or if a plant among them is unstable."""
+    count = math.prod(axis.samples for axis in study.uncertainties)
+    if count > MOST_RUNS:
+        raise refusal(study, "uncertainty", f"the product of all axes has {count} samples; at most {MOST_RUNS} runs are made")
+    planned = samples(study)
+    if unstable := ", ".join([sample.name for sample in planned if sample.plant.is_unstable][:5]):
+        raise refusal(study, "plant", f"the plant is unstable (in {unstable}): an open-loop command means nothing on it; bound works")
+    for sample in planned:
+        if made.command is None:
+            break
+        setting = settle(study, sample, made.command, (None, None))
+        if (points := setting.stop / setting.step) > MOST_POINTS:
+            grid = f"{points:.3g} communication points, one every {setting.step:.3g} s until {setting.stop:.6g} s"
+            message = f"run {sample.name} would have {grid}; at most {MOST_POINTS} are taken: give a longer step, or a shorter observe"
+            raise refusal(study, "simulation", message)
+    return planned
 
 
 def _subject(study: Study, fmu: FmuPlant, made: Design) -> Subject:
@@ -141,4 +137,7 @@ def _drop(folder: Path, runs: tuple[RunResult, ...], judgements: tuple[Judgement
         else:
             (folder / run.log).unlink(missing_ok=True)
             kept.append(replace(run, log=None))
+    with Ledger(folder / LEDGER) as ledger:  # so that --resume does not make a run again whose log was not wanted
+        for run in kept:
+            ledger.amend(run.name, run.to_row())
     return tuple(kept)
