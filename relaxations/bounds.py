@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -20,7 +20,7 @@ from relaxations.commands import Command, Segment, Tail
 from relaxations.duality import lower_bound
 from relaxations.grids import grid
 from relaxations.maneuvers import Problem
-from relaxations.refinement import Failure, refine
+from relaxations.refinement import Contact, Extremal, Failure, TailStart, refine
 
 Reals = NDArray[np.float64]
 
@@ -53,7 +53,8 @@ class Settings:
 class Bound:
     """A bracket of the minimum time T* [s]: `lower` rests on `costate`, `upper` on `command`; `reason` says what is missing to a proof.
 
-    `certificate` holds what was proven, in a form that `relaxations.checking` verifies.
+    `tail` holds the coefficients of the command's tail, `multipliers` those of its limits (instant after the move [s], μ⁺, μ⁻), `price` what
+    they take off the costate's target. `certificate` holds what was proven, in a form that `relaxations.checking` verifies.
     """
 
     status: Status
@@ -65,6 +66,9 @@ class Bound:
     reason: str | None
     programs: int
     seconds: float
+    tail: Reals = field(default_factory=lambda: np.zeros(0))
+    multipliers: tuple[tuple[float, float, float], ...] = ()
+    price: float = 0.0
     certificate: bytes | None = None
 
     @property
@@ -88,7 +92,10 @@ class GridMinimum:
 
 FARTHEST = 1e6  # times the plant's own time scale: a target that is out of reach until then is called so
 LARGEST_EXPONENT = 600.0  # of e^{pT} for an unstable pole p: a double ends at e^709
+NOISE = 1e-7  # of log α: what the solver leaves open
+VISIBLE = 1e-6  # smaller fractions are known to few digits: the time is then doubled
 
+STATELESS = "the plant has no states: it is at rest as soon as its input is"
 NOT_PROVEN = "both sides were evaluated in floating point"
 
 
@@ -100,32 +107,74 @@ def bracket(problem: Problem, settings: Settings | None = None) -> Bound:
     """
     chosen = settings or Settings()
     begun = time.perf_counter()
+    if problem.size == 0:  # a plant without states follows its input
+        command = Command(0.0, (), Tail(problem.absolute(problem.hold)))
+        return Bound(Status.BRACKETED, 0.0, 0.0, np.zeros(0), command, 0, STATELESS, 0, time.perf_counter() - begun)
+    if (instant := _tail_only(problem)) is not None:
+        command = Command(0.0, (), Tail(problem.absolute(problem.hold), problem.tail.terms(instant)))
+        return Bound(Status.BRACKETED, 0.0, 0.0, np.zeros(problem.size), command, 0, NOT_PROVEN, 0, time.perf_counter() - begun, instant)
     grid = grid_minimum(problem, chosen)
 
-    def bound(upper: float | None, costate: Reals, command: Command | None, switches: int | None, reason: str) -> Bound:
-        near = grid.below.program.maneuver_time if upper is None and grid.below else (upper or 0.0)
-        lower = float(lower_bound(problem, costate, near))
+    def bound(dual: programs.GridSolution | Extremal, command: Command | None, switches: int | None, reason: str) -> Bound:
+        upper = None if command is None else command.maneuver_time
+        price = dual.price(problem)
+        near = dual.maneuver_time if upper is None else upper
+        lower = float(lower_bound(problem, dual.costate, near, price))
         if upper is not None:
             lower = min(lower, upper)
-        return Bound(Status.BRACKETED, lower, upper, costate, command, switches, reason, grid.count, time.perf_counter() - begun)
+        seconds = time.perf_counter() - begun
+        tail, multipliers = dual.tail_coefficients, dual.tail_multipliers
+        return Bound(Status.BRACKETED, lower, upper, dual.costate, command, switches, reason, grid.count, seconds, tail, multipliers, price)
 
     if grid.above is None:
         assert grid.below is not None
         reach = grid.below.fraction
         reason = f"no command was found: at T = {grid.below.program.maneuver_time:.6g} s the grid reaches {reach:.3g} of the target"
-        return bound(None, grid.below.costate, None, None, reason)
+        return bound(grid.below, None, None, reason)
     tried: list[str] = []
     for start in (grid.above, grid.below):
         if start is None:
             continue
-        found = refine(problem, start.costate, start.program.maneuver_time)
+        touching = _contacts(problem, start)
+        if touching is None:
+            tried.append("the tail touches a limit in its course")
+            continue
+        found = refine(problem, start.costate, start.maneuver_time, touching)
         if isinstance(found, Failure):
             tried.append(found.reason)
             continue
-        return bound(found.maneuver_time, found.costate, found.command(problem), len(found.switches_to_go), NOT_PROVEN)
+        return bound(found, found.command(problem), len(found.switches_to_go), NOT_PROVEN)
     command = staircase(problem, grid.above)
     reason = f"{NOT_PROVEN}; the command is the grid's staircase, since its switch times could not be refined ({'; '.join(tried)})"
-    return bound(command.maneuver_time, grid.above.costate, command, None, reason)
+    return bound(grid.above, command, None, reason)
+
+
+def _tail_only(problem: Problem) -> Reals | None:
+    """The tail that does the whole maneuver in no time, if there is one: as many stable zeros as poles, and room for it."""
+    tail = problem.tail
+    if tail.size < problem.size:
+        return None
+    coefficients = np.linalg.solve(tail.columns, -problem.target)
+    above, below = tail.room(tail.looks())
+    course = tail.rows(tail.looks()) @ coefficients
+    slack = 1e-12 * (problem.upper - problem.lower)  # a tail may begin on a limit exactly; the proof decides
+    return coefficients if np.all(course <= above + slack) and np.all(-course <= below + slack) else None
+
+
+def _contacts(problem: Problem, solution: programs.GridSolution) -> TailStart | None:
+    """The tail of a grid's solution and where it touches its limits; None if it does so in its course, where no instant is known exactly."""
+    known = {0.0} | ({problem.tail.length.time} if problem.tail.length else set())
+    weights = [(t, above * room) for t, above, room in zip(solution.program.looks, solution.mu_above, solution.program.above, strict=True)]
+    weights += [(t, below * room) for t, below, room in zip(solution.program.looks, solution.mu_below, solution.program.below, strict=True)]
+    if sum(abs(w) for t, w in weights if t not in known) > 1e-4 * (1.0 + solution.price(problem)):
+        return None
+    contacts = []
+    for t, above, below in solution.tail_multipliers:
+        side, multiplier = (1, above) if above > below else (-1, below)
+        room = problem.tail.room(np.array([t]))[0 if side > 0 else 1][0]
+        if t in known and multiplier * room > 1e-6:
+            contacts.append(Contact(t, side, multiplier))
+    return TailStart(solution.tail_coefficients, tuple(contacts))
 
 
 def instants(problem: Problem, horizon: float, settings: Settings) -> Reals:
@@ -145,7 +194,8 @@ def grid_minimum(problem: Problem, settings: Settings) -> GridMinimum:
     farthest = FARTHEST * first if growth <= 0.0 else LARGEST_EXPONENT / growth
     below: programs.GridSolution | None = None
     above: programs.GridSolution | None = None
-    count, distance, stretch = 0, math.inf, 1.0
+    count = 0
+    last: tuple[float, float] | None = None  # time and -log α before
     while count < settings.programs:
         count += 1
         solution = programs.solve(programs.build(problem, instants(problem, horizon, settings)))
@@ -160,19 +210,16 @@ def grid_minimum(problem: Problem, settings: Settings) -> GridMinimum:
             break
         if above and below and above.program.maneuver_time / below.program.maneuver_time - 1.0 <= settings.tolerance:
             break
-        # The costate's slope is that of continuous time: where the grid cannot follow short arcs, Newton's steps are too short.
         off = -math.log(max(fraction, 1e-300))
-        slow, distance = abs(off) > distance / 4, abs(off)
-        stretch = 4.0 * stretch if slow else 1.0
         end = float(solution.costate @ problem.rows([horizon])[:, 0])
-        slope = max(problem.upper * end, problem.lower * end)
-        exponent = horizon * slope / fraction if fraction > 1e-9 else 0.0
-        if slow and below and above and below.fraction > 0.0:
-            ratio = _secant(below, above) / horizon
-        elif exponent > 1e-3:
+        exponent = horizon * max(problem.upper * end, problem.lower * end) / fraction if fraction > VISIBLE else 0.0
+        if exponent and last and max(abs(last[1]) / 8, NOISE) < abs(off) and last[1] < -math.log(VISIBLE):
+            # The costate's slope is that of continuous time: where the grid cannot follow short arcs, the slope seen is the better one.
+            exponent = (last[1] - off) / math.log(horizon / last[0])
+        last = horizon, off
+        if exponent > 1e-3:
             # Aim a hair beyond the root, so that the last program lies on the feasible side.
-            aim = (math.log1p(settings.tolerance / 2) + off) / exponent
-            ratio = math.exp(min(max(aim * (stretch if above is None else 1.0), -1.0), 1.0))
+            ratio = math.exp(min(max((math.log1p(settings.tolerance / 2) + off) / exponent, -3.0), 3.0))
         else:
             ratio = 2.0
         following = min(horizon * ratio, farthest)
@@ -182,13 +229,6 @@ def grid_minimum(problem: Problem, settings: Settings) -> GridMinimum:
             following = math.sqrt(low * high) if low > 0.0 and math.isfinite(high) else (min(2 * low, farthest) if math.isinf(high) else high / 4)
         horizon = following
     return GridMinimum(below, above, count)
-
-
-def _secant(below: programs.GridSolution, above: programs.GridSolution) -> float:
-    """Where α = 1 on the straight line through two solutions in log α against log T [s]."""
-    start, stop = math.log(below.program.maneuver_time), math.log(above.program.maneuver_time)
-    rise = math.log(above.fraction) - math.log(below.fraction)
-    return math.exp(start - math.log(below.fraction) * (stop - start) / rise) if rise > 0.0 else math.exp((start + stop) / 2)
 
 
 def _first_guess(problem: Problem) -> float:
@@ -212,5 +252,5 @@ def staircase(problem: Problem, solution: programs.GridSolution) -> Command:
     levels = solution.levels / solution.fraction
     horizon, starts = solution.program.maneuver_time, solution.program.instants[:-1]
     keep = np.concatenate([[True], np.diff(levels) != 0.0])
-    segments = tuple(Segment(float(s), float(u) + problem.rest) for s, u in zip(starts[keep], levels[keep], strict=True))
-    return Command(horizon, segments, Tail(problem.rest + problem.hold))
+    segments = tuple(Segment(float(s), problem.absolute(float(u))) for s, u in zip(starts[keep], levels[keep], strict=True))
+    return Command(horizon, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(solution.tail_coefficients)))

@@ -46,8 +46,8 @@ def text(value: Fraction | float) -> str:
 
 def task(problem: Problem) -> dict[str, Any]:
     """The task in exact numbers."""
-    maneuver = problem.maneuver
-    plants = []
+    maneuver, plants = problem.maneuver, []
+    length = maneuver.tail_length
     for plant in problem.plants:
         polynomials = {"numerator": plant.numerators[plant.output], "denominator": plant.denominator}
         written = {name: [text(fraction(c)) for c in reversed(p.coeffs())] for name, p in polynomials.items()}
@@ -55,8 +55,11 @@ def task(problem: Problem) -> dict[str, Any]:
     return {
         "plants": plants,
         "displacement": text(maneuver.displacement),
-        "rest": "state",
-        "limits": {"input": [text(maneuver.limits.lower), text(maneuver.limits.upper)]},
+        "rest": "output" if maneuver.tail else "state",
+        "limits": {
+            "input": [text(maneuver.limits.lower), text(maneuver.limits.upper)],
+            "tail_length": length and {"time": text(length[0]), "within": text(length[1])},
+        },
         "initial_input": text(maneuver.rest),
     }
 
@@ -68,8 +71,8 @@ def _zeros(problem: Problem) -> dict[str, int]:
     return {name: count for name, count in robustness.items() if count}
 
 
-def costate_witness(problem: Problem, costate: Reals) -> dict[str, Any]:
-    """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole."""
+def costate_witness(problem: Problem, costate: Reals, multipliers: Sequence[tuple[float, float, float]] = ()) -> dict[str, Any]:
+    """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole; (instant, μ⁺, μ⁻) of the tail's limits."""
     plants, at = [], 0
     for target in problem.sets:
         chains = []
@@ -82,15 +85,43 @@ def costate_witness(problem: Problem, costate: Reals) -> dict[str, Any]:
                 at += width
             chains.append({"near": [text(pole.value.real), text(pole.value.imag)], "coefficients": coefficients})
         plants.append(chains)
-    return {"costate": plants, "tail": []}
+    tail = [{"time": text(time), "upper": text(above), "lower": text(below)} for time, above, below in multipliers]
+    return {"costate": plants, "tail": tail}
+
+
+def tail_chains(problem: Problem, coefficients: Reals) -> list[dict[str, Any]]:
+    """The tail's coefficients of `Re(c r^l/l! e^{zr})` at every stable zero."""
+    chains, at = [], 0
+    for zero in problem.tail.zeros:
+        width, pairs = (2 if zero.is_flexible else 1), []
+        for _ in range(zero.multiplicity):
+            part = coefficients[at : at + width]
+            at += width
+            pairs.append([text(float(part[0])), text(float(part[1])) if width == 2 else "0"])
+        chains.append({"near": [text(zero.value.real), text(zero.value.imag)], "coefficients": pairs})
+    return chains
+
+
+def tail_unknowns(problem: Problem) -> list[list[Any]]:
+    """The names of the tail's real coefficients, in their order."""
+    names: list[list[Any]] = []
+    for i, zero in enumerate(problem.tail.zeros):
+        for power in range(zero.multiplicity):
+            names += [["re", i, power], ["im", i, power]] if zero.is_flexible else [["re", i, power]]
+    return names
 
 
 def command_witness(
-    maneuver_time: float, starts: Sequence[float], levels: Sequence[Fraction | float], free: Sequence[list[Any]], radius: float
+    maneuver_time: float,
+    starts: Sequence[float] | Reals,
+    levels: Sequence[Fraction | float],
+    tail: list[dict[str, Any]],
+    free: Sequence[list[Any]],
+    radius: float,
 ) -> dict[str, Any]:
     """The upper side's witness: absolute levels on arcs, and which numbers are unknowns within `radius` of those written."""
     segments = [{"start": text(float(s)), "level": text(level)} for s, level in zip(starts, levels, strict=True)]
-    return {"maneuver_time": text(maneuver_time), "segments": segments, "tail": [], "free": list(free), "radius": text(radius)}
+    return {"maneuver_time": text(maneuver_time), "segments": segments, "tail": tail, "free": list(free), "radius": text(radius)}
 
 
 def certificate(

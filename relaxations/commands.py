@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -113,8 +114,8 @@ class Command:
     def fuel(self, rest: float = 0.0) -> float:
         """`∫ |u - rest| dt` over the segments (input units times second), exact for piecewise linear u; the tail's fuel is apart."""
         total = 0.0
-        ends = [*(s.start for s in self.segments[1:]), self.end]
-        for segment, end in zip(self.segments, ends, strict=True):
+        ends = (*(s.start for s in self.segments[1:]), self.end)
+        for segment, end in zip(self.segments, ends, strict=False):  # without segments nothing is moved before the tail
             width = end - segment.start
             first = segment.level - rest
             last = first + segment.slope * width
@@ -157,17 +158,18 @@ class Command:
                 Tail(
                     float(data["tail"]["steady"]),
                     tuple(
-                        TailTerm(complex(*t["rate"]), int(t["power"]), complex(*t["coefficient"])) for t in data["tail"].get("terms", ())
+                        TailTerm(complex(*t["rate"]), operator.index(t["power"]), complex(*t["coefficient"])) for t in data["tail"].get("terms", ())
                     ),
                 ),
             )
-        except (KeyError, TypeError, ValueError, AttributeError) as problem:
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
             raise CommandError(f"malformed command file: {type(problem).__name__} {problem}") from None
 
     @staticmethod
     def from_json(text: str) -> Command:
         """Read a command file's text."""
         try:
-            return Command.from_dict(json.loads(text))
-        except json.JSONDecodeError as problem:
+            data = json.loads(text)
+        except (ValueError, RecursionError) as problem:  # numbers of thousands of digits and nesting without end are refused too
             raise CommandError(f"a command file is JSON: {problem}") from None
+        return Command.from_dict(data)

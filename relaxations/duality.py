@@ -91,9 +91,12 @@ def support(problem: Problem, costate: Reals, horizon: float) -> Support:
     return Support(horizon, roots, float(level @ pieces), rounding, max(problem.upper * end, problem.lower * end))
 
 
-def lower_bound(problem: Problem, costate: Reals, near: float) -> float:
-    """The largest T_λ near `near` [s] at which (2) is violated beyond rounding, or 0: `λᵀ target = ∫_0^T σ(p)` solved by guarded Newton."""
-    wanted = float(costate @ problem.target)
+def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.0) -> float:
+    """The largest T_λ near `near` [s] at which (2) is violated beyond rounding, or 0: `λᵀ target - price = ∫_0^T σ(p)` by guarded Newton.
+
+    `price` is what the multipliers of the tail's limits add on the right of (2).
+    """
+    wanted = float(costate @ problem.target) - price
     if wanted <= 0:
         return 0.0
     low, high = 0.0, np.inf

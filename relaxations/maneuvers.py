@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from relaxations.errors import ManeuverError
 from relaxations.moments import Basis
-from relaxations.plants import Exact, LinearPlant, Pole, exact
+from relaxations.plants import Exact, LinearPlant, Pole, exact, roots
+from relaxations.tails import TailLength, TailSpace, tail_columns
 
 Reals = NDArray[np.float64]
 
@@ -41,13 +42,17 @@ class Maneuver:
     """Move the output by `displacement` (output units) from the rest at input `rest`, within `limits`; exact numbers.
 
     `robustness` further zeros are placed at every flexible mode, or as many as a mapping says: `{"mode[1]": 1, "real[2]": 1}`
-    (flexible modes by ascending frequency, real poles by ascending magnitude).
+    (flexible modes by ascending frequency, real poles by ascending magnitude). With `tail` only the output has to rest, and the input may
+    decay along the stable zeros; `tail_length` (time [s] after the move, fraction of the nearer limit's distance from the final rest input)
+    limits how long.
     """
 
     displacement: Fraction
     limits: Limits
     rest: Fraction = Fraction(0)
     robustness: int | Mapping[str, int] = 0
+    tail: bool = False
+    tail_length: tuple[Fraction, Fraction] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +76,7 @@ class Problem:
     sets: tuple[TargetSet, ...]
     plants: tuple[LinearPlant, ...]
     maneuver: Maneuver
+    tail: TailSpace
     rest: float = 0.0
     notes: tuple[str, ...] = field(default=())
 
@@ -87,6 +93,11 @@ class Problem:
     def rows(self, s: Sequence[float] | Reals, integrals: int = 0) -> Reals:
         """All target sets' `b(s)`, or its integrals from 0, stacked: shape (size, len(s))."""
         return np.vstack([target.basis.rows(s, integrals) for target in self.sets])
+
+    def absolute(self, deviation: float) -> float:
+        """The input itself, in input units: adding the rest must not round a level beyond its limit."""
+        limits = self.maneuver.limits
+        return min(max(deviation + self.rest, float(limits.lower)), float(limits.upper))
 
     def derivative(self, costate: Reals) -> Reals:
         """Costate of ds-derivative of `p(s) = λᵀ b(s)`."""
@@ -131,6 +142,12 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
     """
     if maneuver.displacement == 0:
         raise ManeuverError("the displacement is 0: there is nothing to move")
+    if maneuver.tail:
+        if len(plants) != 1:
+            raise ManeuverError("an output rest is a matter of one plant: a tail hides in the zeros of that plant only")
+        plants = [_visible(plant) for plant in plants]
+    if maneuver.tail_length is not None and not (maneuver.tail and maneuver.tail_length[0] >= 0 and 0 < maneuver.tail_length[1] <= 1):
+        raise ManeuverError("a tail length (time from 0 on, fraction from 0 to 1) needs an output rest, tail = true")
     holds = {plant.rest_input(maneuver.displacement) for plant in plants}
     if len(holds) != 1:
         raise ManeuverError(f"the plants share one command and so one final rest input, but ask for {sorted(map(float, holds))}")
@@ -142,13 +159,34 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
                 f"the input at the {where} rest is {float(value)!r}, outside the limits [{float(low)!r}, {float(high)!r}]: "
                 "the plant could not stay at rest there"
             )
+    sets = tuple(target_set(plant, maneuver) for plant in plants)
+    zeros = tuple(zero for zero in plants[0].zeros if zero.value.real < 0) if maneuver.tail else ()
+    final = maneuver.rest + hold
+    length = None if maneuver.tail_length is None else TailLength(*map(float, maneuver.tail_length))
+    tail = TailSpace(zeros, tail_columns(tuple(own.basis for own in sets), zeros), float(high - final), float(final - low), length)
     return Problem(
         float(low - maneuver.rest),
         float(high - maneuver.rest),
         float(hold),
-        tuple(target_set(plant, maneuver) for plant in plants),
+        sets,
         tuple(plants),
         maneuver,
+        tail,
         float(maneuver.rest),
         tuple(note for plant in plants for note in plant.notes),
     )
+
+
+def _visible(plant: LinearPlant) -> LinearPlant:
+    """The plant as its output sees it; raises `ManeuverError` if a mode that the output cannot see does not decay."""
+    numerator = plant.numerators[plant.output]
+    common = numerator.gcd(plant.denominator)
+    if common.degree() <= 0:
+        return plant
+    lasting = [pole.value for pole in roots(common) if pole.value.real >= 0]
+    if lasting:
+        shown = ", ".join(f"{value:.6g}" for value in lasting)
+        raise ManeuverError(f"hidden modes: the output cannot see {shown}, which do not decay; state rest (tail = false) includes them")
+    note = f"{common.degree()} hidden modes decay unseen by the output and were dropped from the output rest"
+    lead = common / common.leading_coefficient()
+    return LinearPlant(plant.denominator / lead, {plant.output: numerator / lead}, plant.output, (*plant.notes, note))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from fractions import Fraction
 from functools import cached_property
@@ -170,14 +170,25 @@ class LinearPlant:
 
     @staticmethod
     def from_modes(rigid: Exact, modes: Sequence[tuple[Exact, Exact, Exact]]) -> LinearPlant:
-        """`rigid/s² + Σ gain/(s² + 2ζωs + ω²)` from (frequency ω [rad/s], damping ζ, gain) of each mode."""
-        numerator, denominator = fmpq_poly([_fmpq(rigid)]), fmpq_poly([0, 0, 1] if exact(rigid) else [1])
+        """`rigid/s² + Σ gain/(s² + 2ζωs + ω²)` from (frequency ω [rad/s], damping ζ, gain) of each mode.
+
+        Modes of equal frequency and damping move as one: the input cannot excite them apart, so they are one mode with the sum of the gains.
+        """
+        gains: dict[tuple[Fraction, Fraction], Fraction] = {}
         for frequency, damping, gain in modes:
-            omega, zeta = _fmpq(frequency), _fmpq(damping)
-            factor = fmpq_poly([omega * omega, 2 * zeta * omega, 1])
+            mode = exact(frequency), exact(damping)
+            if mode[0] <= 0:
+                raise PlantError(f"a flexible mode's frequency is positive, not {float(mode[0])!r} (the rigid body is `rigid`)")
+            gains[mode] = gains.get(mode, Fraction(0)) + exact(gain)
+        numerator, denominator = fmpq_poly([_fmpq(rigid)]), fmpq_poly([0, 0, 1] if exact(rigid) else [1])
+        for (omega, zeta), gain in gains.items():
+            factor = fmpq_poly([_fmpq(omega * omega), _fmpq(2 * zeta * omega), 1])
             numerator = numerator * factor + _fmpq(gain) * denominator
             denominator = denominator * factor
-        return LinearPlant._from_polynomials(numerator, denominator)
+        plant = LinearPlant._from_polynomials(numerator, denominator)
+        twins = len(modes) - len(gains)
+        note = f"{twins} of {len(modes)} modes repeat another's frequency and damping: the input moves them as one, so they were joined"
+        return replace(plant, notes=(note,)) if twins else plant
 
     @staticmethod
     def _from_polynomials(numerator: fmpq_poly, denominator: fmpq_poly) -> LinearPlant:

@@ -2,10 +2,12 @@
 
 At a fixed maneuver time the *reachable fraction* α of the target is maximised (../docs/theory.md, section 2):
 
-    maximise α   subject to   Q u = α q,   u_k = Σ_{i≤k} A_i,   lower ≤ u ≤ upper
+    maximise α   subject to   Q u = α q + S c,   u_k = Σ_{i≤k} A_i,   lower ≤ u ≤ upper,   -α below_i ≤ (E c)_i ≤ α above_i
 
-over the impulse amplitudes A and the staircase u that they add up to. The rows are orthonormal, so that no scaling of poles, time or
-units is left in them, and the program is always feasible. Solver status is never evidence: what comes out is a candidate.
+over the impulse amplitudes A, the staircase u that they add up to, and the coefficients c of the tail, whose limits are imposed at instants
+after the move and scale with α on both sides (unscaled, α would have a ceiling where the final rest input lies on a limit). The rows are
+orthonormal, so that no scaling of poles, time or units is left in them, and the program is always feasible. Solver status is never
+evidence: what comes out is a candidate.
 """
 
 from __future__ import annotations
@@ -38,8 +40,12 @@ RESIDUAL = 1e-8  # relative; the solver's 1e-10 with room for limits far from th
 
 @dataclass(frozen=True, slots=True)
 class GridProgram:
-    """The program as built: `instants` (N + 1,) of the grid [s] from 0 to the maneuver time, `rows` (m, N) orthonormal, `target` (m,),
-    `basis_change` R with rows = R^{-T} · table, limits in input units."""
+    """The program as built.
+
+    `instants` (N + 1,) of the grid [s] from 0 to the maneuver time, `rows` (m, N) orthonormal, `target` (m,), `basis_change` R with
+    rows = R^{-T} · table, limits in input units; of the tail `columns` (m, n) in the same rows, and at the instants `looks` (k,) [s] after
+    the move its `shapes` (k, n) and the room `above` and `below` (k,).
+    """
 
     instants: Reals
     rows: Reals
@@ -47,6 +53,11 @@ class GridProgram:
     basis_change: Reals
     lower: float
     upper: float
+    columns: Reals
+    looks: Reals
+    shapes: Reals
+    above: Reals
+    below: Reals
 
     @property
     def maneuver_time(self) -> float:
@@ -56,20 +67,49 @@ class GridProgram:
 
 @dataclass(frozen=True, slots=True)
 class GridSolution:
-    """What the solver found: fraction α, levels u (N,) in deviations, multiplier λ (size,) of the moment equations with `λᵀ target = 1`."""
+    """What the solver found: fraction α, levels u (N,) in deviations, tail coefficients (n,), and the multipliers.
+
+    `costate` λ (size,) belongs to the moment equations, `mu_above` and `mu_below` (k,) ≥ 0 to the tail's limits, scaled to
+    `λᵀ target - Σ μ⁺ above - Σ μ⁻ below = 1`.
+    """
 
     program: GridProgram
     fraction: float
     levels: Reals
+    tail: Reals
     costate: Reals
+    mu_above: Reals
+    mu_below: Reals
     status: str
+
+    @property
+    def maneuver_time(self) -> float:
+        """T [s]."""
+        return self.program.maneuver_time
+
+    @property
+    def tail_coefficients(self) -> Reals:
+        """Coefficients of the tail that follows the levels divided by α."""
+        return self.tail / self.fraction if self.fraction > 0.0 else self.tail
+
+    @property
+    def tail_multipliers(self) -> tuple[tuple[float, float, float], ...]:
+        """(instant after the move [s], μ⁺, μ⁻) wherever one is not zero."""
+        triples = zip(self.program.looks, self.mu_above, self.mu_below, strict=True)
+        return tuple((float(t), float(above), float(below)) for t, above, below in triples if above > 0.0 or below > 0.0)
+
+    def price(self, problem: Problem) -> float:
+        """`Σ μ⁺ above + Σ μ⁻ below`: what the tail's limits take off the costate's target."""
+        del problem
+        return float(self.mu_above @ self.program.above + self.mu_below @ self.program.below)
 
     @property
     def residual(self) -> float:
         """Violation of the orthonormal rows relative to the part of the target reached (a solution judges itself)."""
         reached = self.fraction * self.program.target
         size = float(np.linalg.norm(reached))
-        return float(np.linalg.norm(self.program.rows @ self.levels - reached)) / size if size > 0.0 else np.inf
+        missed = self.program.rows @ self.levels - self.program.columns @ self.tail - reached
+        return float(np.linalg.norm(missed)) / size if size > 0.0 else np.inf
 
     @property
     def reaches(self) -> bool:
@@ -77,52 +117,64 @@ class GridSolution:
         return self.fraction >= 1.0 and self.residual <= RESIDUAL
 
 
-def build(problem: Problem, instants: Reals) -> GridProgram:
-    """The program on the grid of `instants` [s], ascending from 0 to the maneuver time; raises `SolverError` if it is too coarse."""
+def build(problem: Problem, instants: Reals, looks: Reals | None = None) -> GridProgram:
+    """The program on the grid of `instants` [s], ascending from 0 to the maneuver time; raises `SolverError` if it is too coarse.
+
+    `looks` [s] are the instants at which the tail's limits are imposed (None: those of the problem's tail).
+    """
     cells = len(instants) - 1
     integrated = problem.rows(instants[-1] - instants, 1)
     table = integrated[:, :-1] - integrated[:, 1:]
     orthonormal, change = np.linalg.qr(table.T)
     if np.any(np.abs(np.diag(change)) <= cells * np.finfo(float).eps * np.linalg.norm(change, axis=0)):
         raise SolverError(f"the moment equations are dependent on {cells} intervals over {float(instants[-1])!r} s")
-    target = np.linalg.solve(change.T, problem.target)
-    return GridProgram(instants, orthonormal.T, target, change, problem.lower, problem.upper)
+    target, columns = np.linalg.solve(change.T, problem.target), np.linalg.solve(change.T, problem.tail.columns)
+    at = problem.tail.looks() if looks is None else looks
+    shapes, (above, below) = problem.tail.rows(at), problem.tail.room(at)
+    return GridProgram(instants, orthonormal.T, target, change, problem.lower, problem.upper, columns, at, shapes, above, below)
 
 
-@lru_cache(maxsize=8)
-def _compiled(size: int, cells: int) -> dict[str, Any]:
+@lru_cache(maxsize=16)
+def _compiled(size: int, cells: int, coefficients: int, looks: int) -> dict[str, Any]:
     """The parametrised cvxpy problem of one shape, compiled once (a re-solve then costs a tenth)."""
     import cvxpy as cp
 
-    rows, target = cp.Parameter((size, cells)), cp.Parameter(size)
-    lower, upper = cp.Parameter(), cp.Parameter()
-    amplitudes, levels, fraction = cp.Variable(cells), cp.Variable(cells), cp.Variable()
-    reach = rows @ levels == fraction * target
-    constraints = [reach, levels[0] == amplitudes[0], cp.diff(levels) == amplitudes[1:], levels >= lower, levels <= upper]
-    return {
-        "problem": cp.Problem(cp.Maximize(fraction), constraints),
-        "rows": rows,
-        "target": target,
-        "lower": lower,
-        "upper": upper,
-        "levels": levels,
-        "fraction": fraction,
-        "reach": reach,
-    }
+    named: dict[str, Any] = {"rows": cp.Parameter((size, cells)), "target": cp.Parameter(size)}
+    named |= {"lower": cp.Parameter(), "upper": cp.Parameter()}
+    named |= {"levels": cp.Variable(cells), "fraction": cp.Variable()}
+    amplitudes, levels, fraction = cp.Variable(cells), named["levels"], named["fraction"]
+    landed = fraction * named["target"]
+    limits = [levels[0] == amplitudes[0], cp.diff(levels) == amplitudes[1:], levels >= named["lower"], levels <= named["upper"]]
+    if coefficients:
+        named |= {"columns": cp.Parameter((size, coefficients)), "shapes": cp.Parameter((looks, coefficients))}
+        named |= {"above": cp.Parameter(looks), "below": cp.Parameter(looks), "tail": cp.Variable(coefficients)}
+        landed = landed + named["columns"] @ named["tail"]
+        shape = named["shapes"] @ named["tail"]
+        named |= {"ceiling": shape <= fraction * named["above"], "floor": -shape <= fraction * named["below"]}
+        limits += [named["ceiling"], named["floor"]]
+    named["reach"] = named["rows"] @ levels == landed
+    named["problem"] = cp.Problem(cp.Maximize(fraction), [named["reach"], *limits])
+    return named
 
 
 def solve(program: GridProgram) -> GridSolution:
     """Maximise the reachable fraction; raises `SolverError` with the status if the solver gives no numbers."""
     import cvxpy as cp
 
-    compiled = _compiled(*program.rows.shape)
-    # Levels are measured in half the actuator's range and the target in its own length, so that every number is of order one.
+    (looks, coefficients), cells = program.shapes.shape, program.rows.shape[1]
+    compiled = _compiled(*program.rows.shape, coefficients, looks if coefficients else 0)
+    # Levels are measured in half the actuator's range, the target in its own length, a tail coefficient in what fills that range: every
+    # number is then of order one.
     half = (program.upper - program.lower) / 2
-    length = float(np.linalg.norm(program.target)) / np.sqrt(program.rows.shape[1])
-    compiled["rows"].value = program.rows
-    compiled["target"].value = program.target / length
-    compiled["lower"].value = program.lower / half
-    compiled["upper"].value = program.upper / half
+    length = float(np.linalg.norm(program.target)) / np.sqrt(cells)
+    values = {"rows": program.rows, "target": program.target / length, "lower": program.lower / half, "upper": program.upper / half}
+    unit = np.ones(0)
+    if coefficients:
+        unit = 1.0 / np.abs(program.shapes).max(axis=0)
+        values |= {"columns": program.columns * unit, "shapes": program.shapes * unit}
+        values |= {"above": program.above / length, "below": program.below / length}
+    for name, value in values.items():
+        compiled[name].value = value
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # "solution may be inaccurate": judged below, by what is used of it
         try:
@@ -134,9 +186,21 @@ def solve(program: GridProgram) -> GridSolution:
         raise SolverError(f"Clarabel found nothing at T = {program.maneuver_time!r} s: status {status}")
     levels = half * np.clip(compiled["levels"].value, program.lower / half, program.upper / half)
     multiplier = np.asarray(compiled["reach"].dual_value)
-    # The sign of a multiplier is a convention of the solver; the costate is the one whose maximisers the levels are (weak duality).
-    scale = float(multiplier @ program.target)
-    if scale == 0.0:
-        raise SolverError(f"the multiplier at T = {program.maneuver_time!r} s vanishes on the target")
-    costate = np.linalg.solve(program.basis_change, multiplier / scale)
-    return GridSolution(program, half * float(compiled["fraction"].value) / length, levels, costate, status)
+    # The sign of a multiplier is a convention of the solver. The costate is the one whose maximisers the levels are: stationarity in α says
+    # `λᵀ target = 1 + what the tail's limits cost`, which is positive (the levels themselves say nothing where α = 0).
+    if float(multiplier @ program.target) < 0.0:
+        multiplier = -multiplier
+    prices = [np.maximum(np.asarray(compiled[name].dual_value), 0.0) for name in ("ceiling", "floor")] if coefficients else [np.zeros(looks)] * 2
+    scale = float(multiplier @ program.target - prices[0] @ program.above - prices[1] @ program.below)
+    if scale <= 0.0:
+        raise SolverError(f"the multipliers at T = {program.maneuver_time!r} s vanish on the target")
+    return GridSolution(
+        program,
+        half * float(compiled["fraction"].value) / length,
+        levels,
+        half * unit * compiled["tail"].value if coefficients else np.zeros(0),
+        np.linalg.solve(program.basis_change, multiplier / scale),
+        prices[0] / scale,
+        prices[1] / scale,
+        status,
+    )

@@ -52,7 +52,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
     for form in ("face", "remainder"):
         content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, None, None)
         if check(content).outcome is Outcome.PROVED:
-            return Bound(Status.IMPOSSIBLE, 0.0, None, np.zeros(problem.size), None, None, None, 0, time.perf_counter() - begun, content)
+            return Bound(Status.IMPOSSIBLE, 0.0, None, np.zeros(problem.size), None, None, None, 0, time.perf_counter() - begun, certificate=content)
     found = bracket(problem, settings)
     upper, command, switches, above = _upper(problem, task, found, settings or Settings())
     lower = _lower(problem, task, found, above)
@@ -92,12 +92,17 @@ def _accepted(task: dict[str, Any], lower: Side | None = None, upper: Side | Non
 def _lower(problem: Problem, task: dict[str, Any], found: Bound, above: programs.GridSolution | None) -> Side | None:
     """The best lower side: the refined costate, else those of the grid."""
     best: Side | None = None
-    for costate in [found.costate, *([above.costate] if above is not None and found.switches is None else [])]:
+    duals = [(found.costate, found.multipliers, found.price)]
+    if above is not None and found.switches is None:
+        duals.append((above.costate, above.tail_multipliers, above.price(problem)))
+    if found.upper == 0.0:
+        return Side(Fraction(0), certificates.costate_witness(problem, found.costate))
+    for costate, multipliers, price in duals:
         near = found.upper if found.upper is not None else found.lower
-        value = lower_bound(problem, costate, near)
+        value = lower_bound(problem, costate, near, price)
         if value <= 0.0:
             continue
-        witness = certificates.costate_witness(problem, costate)
+        witness = certificates.costate_witness(problem, costate, multipliers)
         for margin in MARGINS:
             side = Side(Fraction(value * (1.0 - margin)), witness)
             if best is not None and side.claim <= best.claim:
@@ -127,9 +132,10 @@ def _upper(
         if not solution.reaches:
             continue
         for fixed in _repaired(problem, solution):
-            witness = certificates.command_witness(
-                fixed.maneuver_time, fixed.starts, fixed.levels, [["level", i, 0] for i in fixed.free], fixed.radius
-            )
+            names = certificates.tail_unknowns(problem)
+            free = [*(["level", i, 0] for i in fixed.free_levels), *(names[i] for i in fixed.free_tail)]
+            tail = certificates.tail_chains(problem, fixed.tail)
+            witness = certificates.command_witness(fixed.maneuver_time, fixed.starts, fixed.levels, tail, free, fixed.radius)
             side = Side(Fraction(fixed.maneuver_time), witness)
             if _accepted(task, upper=side):
                 return side, _staircase(problem, fixed), None, solution
@@ -148,17 +154,23 @@ def _refined(problem: Problem, task: dict[str, Any], found: Bound) -> Side | Non
     command = found.command
     assert command is not None and found.upper is not None
     count, starts = problem.size, np.array([s.start for s in command.segments])
-    if len(starts) < count:
+    if command.maneuver_time == 0.0:
+        return _instant(problem, task, found)
+    if len(starts) + problem.tail.size < count:
         return None  # a degenerate optimum: fewer unknowns than equations
     lower, upper = problem.maneuver.limits.lower, problem.maneuver.limits.upper
     levels = [upper if s.level > float(lower + upper) / 2 else lower for s in command.segments]
-    chosen = np.arange(1, len(starts))
-    if len(chosen) > count - 1:
-        columns = problem.rows(command.maneuver_time - starts[1:])
-        chosen = 1 + np.sort(qr(columns / np.abs(columns).max(axis=1)[:, None], pivoting=True, mode="r")[1][: count - 1])
-    free: list[list[Any]] = [["time", 0, 0], *(["start", int(i), 0] for i in chosen)]
+    # As many unknowns as equations, the best conditioned ones; at an extremal the switches alone are singular, so the duration is one of
+    # them, or a tail coefficient where the tail touches a limit.
+    names: list[list[Any]] = [["time", 0, 0], *(["start", i, 0] for i in range(1, len(starts))), *certificates.tail_unknowns(problem)]
+    jumps = np.diff([float(level) for level in levels])
+    slopes = found.upper * np.hstack([problem.rows([found.upper]), problem.rows(found.upper - starts[1:]) * jumps])
+    columns = np.hstack([slopes, -problem.tail.columns * (float(np.abs(found.tail).max(initial=0.0)) or 1.0)])
+    columns /= np.abs(columns).max(axis=1)[:, None]
+    free = [names[i] for i in np.sort(qr(columns, pivoting=True, mode="r")[1][:count])]
+    tail = certificates.tail_chains(problem, found.tail)
     for radius in RADII:
-        witness = certificates.command_witness(found.upper, starts, levels, free, radius * found.upper)
+        witness = certificates.command_witness(found.upper, starts, levels, tail, free, radius * found.upper)
         for margin in MARGINS[:5]:
             side = Side(Fraction(found.upper * (1.0 + margin)), witness)
             if _accepted(task, upper=side):
@@ -166,6 +178,18 @@ def _refined(problem: Problem, task: dict[str, Any], found: Bound) -> Side | Non
     return None
 
 
+def _instant(problem: Problem, task: dict[str, Any], found: Bound) -> Side | None:
+    """T* = 0: a tail alone, from the first instant on."""
+    tail = certificates.tail_chains(problem, found.tail)
+    size = float(np.abs(found.tail).max())
+    for radius in RADII:
+        witness = certificates.command_witness(0.0, [], [], tail, certificates.tail_unknowns(problem), radius * size)
+        side = Side(Fraction(0), witness)
+        if _accepted(task, upper=side):
+            return side
+    return None
+
+
 def _staircase(problem: Problem, fixed: Repaired) -> Command:
     segments = tuple(Segment(float(s), float(v)) for s, v in zip(fixed.starts, fixed.levels, strict=True))
-    return Command(fixed.maneuver_time, segments, Tail(problem.rest + problem.hold))
+    return Command(fixed.maneuver_time, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(fixed.tail)))

@@ -23,9 +23,32 @@ ITERATIONS = 40
 ROUNDING = 1e-11  # relative residual of the moments below which Newton may stop, as soon as it gains nothing more
 
 
+INSIDE = 2e-13  # of its room: how far a tail that touches a limit is kept inside it, so that the inequality can be proven strict
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """An instant [s] after the move at which the tail is on its upper (side 1) or lower (side -1) limit, and the multiplier μ ≥ 0 there."""
+
+    time: float
+    side: int
+    multiplier: float
+
+
+@dataclass(frozen=True, slots=True)
+class TailStart:
+    """A tail to start from: coefficients (n,), and where it touches its limits."""
+
+    coefficients: Reals
+    contacts: tuple[Contact, ...]
+
+
+NO_TAIL = TailStart(np.zeros(0), ())
+
+
 @dataclass(frozen=True, slots=True)
 class Extremal:
-    """A bang-bang command that meets the moments: duration T [s], times to go of the switches (ascending), first level and costate."""
+    """A bang-bang command that meets the moments: duration T [s], times to go of the switches (ascending), last level, costate and tail."""
 
     maneuver_time: float
     switches_to_go: Reals
@@ -33,6 +56,7 @@ class Extremal:
     costate: Reals
     residual: float  # relative residual of the moment equations
     iterations: int
+    tail: TailStart = NO_TAIL
 
     def levels(self, problem: Problem) -> Reals:
         """Deviation of the input on each arc, in order of time to go."""
@@ -42,8 +66,22 @@ class Extremal:
         """The command in absolute input, its switches in order of time."""
         starts = [0.0, *(self.maneuver_time - self.switches_to_go[::-1])]
         arcs = self.levels(problem)[::-1]
-        segments = tuple(Segment(float(s), float(level) + problem.rest) for s, level in zip(starts, arcs, strict=True))
-        return Command(self.maneuver_time, segments, Tail(problem.rest + problem.hold))
+        segments = tuple(Segment(float(s), problem.absolute(float(level))) for s, level in zip(starts, arcs, strict=True))
+        return Command(self.maneuver_time, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(self.tail.coefficients)))
+
+    @property
+    def tail_coefficients(self) -> Reals:
+        """Coefficients of the tail."""
+        return self.tail.coefficients
+
+    @property
+    def tail_multipliers(self) -> tuple[tuple[float, float, float], ...]:
+        """(instant after the move [s], μ⁺, μ⁻) of every contact."""
+        return tuple((c.time, c.multiplier, 0.0) if c.side > 0 else (c.time, 0.0, c.multiplier) for c in self.tail.contacts)
+
+    def price(self, problem: Problem) -> float:
+        """What the contacts take off the costate's target: `Σ μ room`."""
+        return sum(contact.multiplier * _room(problem, contact) for contact in self.tail.contacts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,62 +103,114 @@ def moment_residual(problem: Problem, levels: Reals, to_go: Reals) -> tuple[Real
     return pieces.sum(axis=1) - problem.target, np.maximum(np.abs(pieces).sum(axis=1), np.abs(problem.target))
 
 
-def refine(problem: Problem, costate: Reals, maneuver_time: float) -> Extremal | Failure:
-    """Newton's method from a costate and a maneuver time [s] of the grid.
+def refine(problem: Problem, costate: Reals, maneuver_time: float, tail: TailStart = NO_TAIL) -> Extremal | Failure:
+    """Newton's method from a costate, a maneuver time [s] and a tail of the grid.
 
-    Returns the extremal command, or the reason why there is none: arcs that vanish or change order, no convergence, or a costate whose
+    Returns the extremal command, or the reason why there is none: arcs that vanish or change order, no convergence, or multipliers whose
     signs are not the command's (the pattern is then wrong).
     """
     switches = costate_roots(problem, costate, maneuver_time)
     final = float(costate @ problem.rows([switches[0] / 2 if len(switches) else maneuver_time / 2])[:, 0])
     last = problem.upper if final > 0 else problem.lower
-    levels = _levels(problem, last, len(switches))
-    s, time, multiplier = switches, maneuver_time, costate / (costate @ problem.target)
-    count, size = len(s), problem.size
-    best = np.inf
+    state = _State(problem, _levels(problem, last, len(switches)), tail.contacts)
+    x = np.concatenate([switches, [maneuver_time], costate, tail.coefficients, [c.multiplier for c in tail.contacts]])
+    count, best = len(switches), np.inf
     for iteration in range(ITERATIONS):
-        edges = np.concatenate([[0.0], s, [time]])
-        residual, terms = moment_residual(problem, levels, edges)
-        scale = np.where(terms > 0, terms, 1.0)
-        relative = float(np.abs(residual / scale).max())
-        at_roots = problem.rows(s) if count else np.zeros((size, 0))
-        end = problem.rows([time])[:, 0]
-        slopes = problem.derivative(multiplier) @ at_roots if count else np.zeros(0)
-        # Row blocks: moments, p(s_i) = 0, λᵀ target = 1. Column blocks: s, T, λ. Every row is divided by the size of its terms.
-        width = count + 1 + size
-        matrix = np.zeros((size + count + 1, width))
-        matrix[:size, :count] = at_roots * (levels[:-1] - levels[1:]) / scale[:, None]
-        matrix[:size, count] = levels[-1] * end / scale
-        root_scale = np.maximum(np.abs(multiplier) @ np.abs(at_roots), np.finfo(float).tiny) if count else np.zeros(0)
-        matrix[size : size + count, :count] = np.diag(slopes / root_scale) if count else 0.0
-        matrix[size : size + count, count + 1 :] = (at_roots / root_scale).T if count else 0.0
-        target_scale = float(np.abs(multiplier) @ np.abs(problem.target))
-        matrix[-1, count + 1 :] = problem.target / target_scale
-        values = np.concatenate([residual / scale, (multiplier @ at_roots) / root_scale, [(multiplier @ problem.target - 1.0) / target_scale]])
-        # A component of the costate is as large as its share in p: rows that grow or decay fast would hide the others from least squares.
-        reach = np.abs(problem.rows(edges)).max(axis=1)
-        reach[reach == 0.0] = 1.0
-        share = np.abs(multiplier) * reach
-        unit = np.concatenate([np.full(count + 1, time), np.maximum(share, share.max() * 1e-8) / reach])
+        values, matrix, relative = state.linearise(x)
+        unit = state.units(x)
         step = -unit * np.linalg.lstsq(matrix * unit, values, rcond=None)[0]
-        moved = float(np.abs(step[: count + 1]).max() / time)
+        moved = float(np.abs(step[: count + 1]).max() / x[count])
         if relative <= ROUNDING and (moved <= 1e-14 or relative >= best / 2):
             break
         best = min(best, relative)
         # A step that would reorder the arcs is shortened: the start is only as good as the grid.
-        fraction = 1.0
-        while fraction > 1e-3 and not _ordered(s + fraction * step[:count], time + fraction * step[count]):
-            fraction /= 2
-        s, time, multiplier = s + fraction * step[:count], time + fraction * step[count], multiplier + fraction * step[count + 1 :]
-        if not _ordered(s, time):
+        share = 1.0
+        while share > 1e-3 and not _ordered(x[: count + 1] + share * step[: count + 1]):
+            share /= 2
+        x = x + share * step
+        if not _ordered(x[: count + 1]):
             return Failure(f"{count} switches: an arc vanishes in Newton's method after {iteration + 1} steps")
     else:
         return Failure(f"{count} switches: Newton's method did not converge in {ITERATIONS} steps (relative residual {relative:.1e})")
+    s, time, multiplier, coefficients, prices = state.split(x)
     found = costate_roots(problem, multiplier, time)
     if len(found) != count or (count and np.abs(found - s).max() > 1e-6 * time):
         return Failure(f"{count} switches: the refined costate has {len(found)} sign changes elsewhere, so the pattern is not extremal")
-    return Extremal(float(time), s, float(last), multiplier, relative, iteration)
+    if np.any(prices < 0.0):
+        return Failure(f"{count} switches: a multiplier of the tail's limits is negative, so its contacts are not extremal")
+    contacts = tuple(Contact(c.time, c.side, float(mu)) for c, mu in zip(tail.contacts, prices, strict=True))
+    return Extremal(time, s, float(last), multiplier, relative, iteration, TailStart(coefficients, contacts))
 
 
-def _ordered(s: Reals, time: float) -> bool:
-    return bool(np.all(np.diff(np.concatenate([[0.0], s, [time]])) > 0))
+@dataclass(frozen=True, slots=True)
+class _State:
+    """The square system of an extremal: unknown are s (m), T, λ (size), tail coefficients c (n) and contact multipliers μ (a).
+
+    Rows: moments `∫ b u = target + G c`; `p(s_i) = 0`; `λᵀ G + Σ μ e = 0`; `λᵀ target - Σ μ room = 1`; `e c = room` at the contacts.
+    """
+
+    problem: Problem
+    levels: Reals
+    contacts: tuple[Contact, ...]
+
+    @property
+    def _sizes(self) -> tuple[int, int, int, int]:
+        return len(self.levels) - 1, self.problem.size, self.problem.tail.size, len(self.contacts)
+
+    def split(self, x: Reals) -> tuple[Reals, float, Reals, Reals, Reals]:
+        """The unknowns by name."""
+        m, size, n, _ = self._sizes
+        s, rest = x[:m], x[m + 1 :]
+        return s, float(x[m]), rest[:size], rest[size : size + n], rest[size + n :]
+
+    def linearise(self, x: Reals) -> tuple[Reals, Reals, float]:
+        """Residuals and their Jacobian, every row divided by the size of its terms, and the moments' relative residual."""
+        m, size, n, a = self._sizes
+        s, time, costate, coefficients, prices = self.split(x)
+        problem, at = self.problem, slice
+        rows = (at(0, size), at(size, size + m), at(size + m, size + m + n), size + m + n, at(size + m + n + 1, size + m + n + 1 + a))
+        moments, roots, tails, scale, touching = rows
+        lam, tail, mu = at(m + 1, m + 1 + size), at(m + 1 + size, m + 1 + size + n), at(m + 1 + size + n, m + 1 + size + n + a)
+        columns = problem.tail.columns
+        shapes = np.array([c.side * problem.tail.rows(np.array([c.time]))[0] for c in self.contacts]).reshape(a, n)
+        room = np.array([_room(problem, c) for c in self.contacts])
+        inside = room * (1.0 - INSIDE)
+        width = m + 1 + size + n + a
+        matrix, values, sizes = np.zeros((width, width)), np.zeros(width), np.ones(width)
+        missed, terms = moment_residual(problem, self.levels, np.concatenate([[0.0], s, [time]]))
+        b, end = problem.rows(s) if m else np.zeros((size, 0)), problem.rows([time])[:, 0]
+        values[moments], sizes[moments] = missed - columns @ coefficients, terms + np.abs(columns) @ np.abs(coefficients)
+        matrix[moments, :m], matrix[moments, m] = b * (self.levels[:-1] - self.levels[1:]), self.levels[-1] * end
+        matrix[moments, tail] = -columns
+        values[roots], sizes[roots] = costate @ b, np.abs(costate) @ np.abs(b)
+        matrix[roots, :m], matrix[roots, lam] = np.diag(problem.derivative(costate) @ b), b.T
+        values[tails], sizes[tails] = costate @ columns + prices @ shapes, np.abs(costate) @ np.abs(columns) + prices @ np.abs(shapes)
+        matrix[tails, lam], matrix[tails, mu] = columns.T, shapes.T
+        values[scale] = costate @ problem.target - prices @ room - 1.0
+        sizes[scale] = np.abs(costate) @ np.abs(problem.target) + np.abs(prices) @ np.abs(room)
+        matrix[scale, lam], matrix[scale, mu] = problem.target, -room
+        values[touching], sizes[touching] = shapes @ coefficients - inside, np.abs(shapes) @ np.abs(coefficients) + np.abs(room)
+        matrix[touching, tail] = shapes
+        sizes[sizes == 0.0] = 1.0
+        return values / sizes, matrix / sizes[:, None], float(np.abs(values[moments] / sizes[moments]).max())
+
+    def units(self, x: Reals) -> Reals:
+        """The size of each unknown: a component of the costate is as large as its share in p, else fast rows would hide the others."""
+        m, _, n, a = self._sizes
+        s, time, costate, coefficients, prices = self.split(x)
+        reach = np.abs(self.problem.rows(np.concatenate([[0.0], s, [time]]))).max(axis=1)
+        reach[reach == 0.0] = 1.0
+        share = np.abs(costate) * reach
+        largest = max(float(np.abs(coefficients).max(initial=0.0)), 1e-8 * (self.problem.upper - self.problem.lower))
+        tails = np.full(n, largest)
+        return np.concatenate([np.full(m + 1, time), np.maximum(share, share.max() * 1e-8) / reach, tails, np.full(a, max(prices, default=1.0) or 1.0)])
+
+
+def _room(problem: Problem, contact: Contact) -> float:
+    above, below = problem.tail.room(np.array([contact.time]))
+    return float(above[0] if contact.side > 0 else below[0])
+
+
+def _ordered(instants: Reals) -> bool:
+    """Whether the switches' times to go and the duration after them ascend from 0."""
+    return bool(np.all(np.diff(np.concatenate([[0.0], instants])) > 0))

@@ -24,12 +24,14 @@ ON_LIMIT = 1e-9  # of the range: a level so close to a limit of 0 stays there ex
 
 @dataclass(frozen=True, slots=True)
 class Repaired:
-    """A staircase: duration T [s], starts (n,) [s], absolute levels (n,), and the indices of the levels that are unknowns of the equations."""
+    """A staircase: duration T [s], starts (n,) [s], absolute levels (n,) and tail coefficients, and which of these are unknowns."""
 
     maneuver_time: float
     starts: Reals
     levels: tuple[Fraction, ...]
-    free: tuple[int, ...]
+    tail: Reals
+    free_levels: tuple[int, ...]
+    free_tail: tuple[int, ...]
     radius: float
 
 
@@ -47,27 +49,37 @@ def repair(problem: Problem, solution: GridSolution, snap: float = SNAP) -> Repa
     starts, levels = starts[keep], levels[keep]
     room = np.minimum(upper - levels, levels - lower)
     room[(levels == lower) | (levels == upper)] = 0.0
-    instants = np.append(starts, solution.program.maneuver_time)
-    integrated = problem.rows(solution.program.maneuver_time - instants, 1)
+    instants = np.append(starts, solution.maneuver_time)
+    integrated = problem.rows(solution.maneuver_time - instants, 1)
     table = integrated[:, :-1] - integrated[:, 1:]
-    size = problem.size
-    if np.count_nonzero(room) < size:
+    size, tail = problem.size, solution.tail_coefficients.copy()
+    # Rows scaled to one, columns weighted by the room they leave: pivoting then prefers unknowns that matter and may move. A tail coefficient
+    # may move as far as the tail's own room lets it.
+    looks = problem.tail.looks()
+    course, (above, below) = problem.tail.rows(looks), problem.tail.room(looks)
+    slack = np.minimum(above - course @ tail, below + course @ tail) if len(tail) else np.zeros(1)
+    play = np.maximum(slack.min(), 0.0) / np.abs(course).max(axis=0) / max(len(tail), 1) if len(tail) else np.zeros(0)
+    columns, weights = np.hstack([table, -problem.tail.columns]), np.concatenate([room, play])
+    if np.count_nonzero(weights) < size:
         return None
-    # Rows scaled to one, columns weighted by the room they leave: pivoting then prefers unknowns that matter and may move.
-    scaled = np.linalg.qr((table * room).T)[0].T
+    scaled = np.linalg.qr((columns * weights).T)[0].T
     free = np.sort(qr(scaled, pivoting=True, mode="r")[1][:size])
-    rows = np.abs(table).sum(axis=1)
+    values = np.concatenate([levels, tail])
+    rows = np.abs(columns * np.where(values == 0.0, 1.0, np.abs(values))).sum(axis=1)
     for _ in range(3):  # iterative refinement: the residual's rounding is all that is left
-        residual = problem.target - table @ levels
-        levels[free] += np.linalg.lstsq(table[:, free] / rows[:, None], residual / rows, rcond=None)[0]
-    left = float(np.min(np.minimum(upper - levels[free], levels[free] - lower)))
-    if not left > 0.0:
+        residual = problem.target - columns @ values
+        values[free] += np.linalg.lstsq(columns[:, free] / rows[:, None], residual / rows, rcond=None)[0]
+    levels, tail = values[: len(levels)], values[len(levels) :]
+    chosen = free[free < len(levels)]
+    left = np.minimum(upper - levels[chosen], levels[chosen] - lower)
+    if len(chosen) and not left.min() > 0.0:
         return None
-    rest = problem.maneuver.rest
     return Repaired(
-        solution.program.maneuver_time,
+        solution.maneuver_time,
         starts,
-        tuple(rest + Fraction(float(level)) for level in levels),
-        tuple(int(i) for i in free),
-        left / 4,
+        tuple(problem.maneuver.rest + Fraction(float(level)) for level in levels),
+        tail,
+        tuple(int(i) for i in chosen),
+        tuple(int(i) - len(levels) for i in free if i >= len(levels)),
+        float(min(left.min(initial=np.inf), play.min(initial=np.inf) if len(free) > len(chosen) else np.inf)) / 4,
     )

@@ -19,6 +19,7 @@ from suite.design import Design, bound_record
 from suite.observations import INPUT, observe
 from suite.quantities import Observation
 from suite.study import Requirement, Study
+from suite.study_file import printable
 from suite.verdicts import Judgement, Measured, Verdict, judge_run, limit
 
 FORMAT = "slewcert-results/1"
@@ -26,7 +27,7 @@ RESULTS, REPORT, JUNIT, LAYOUT = "results.json", "report.html", "junit.xml", "la
 SOLVERS = ("cvxpy", "clarabel", "numpy", "scipy", "fmpy", "mcap", "python-flint")
 UNPROVEN = (
     "The bracket of the minimum time was evaluated in floating point; it carries no certificate.",
-    "Every value that a requirement is judged by was measured on simulations of the FMU at samples of the box; between them nothing is known.",
+    "Requirements are judged by values measured on simulations of the FMU at samples of the box; between them nothing is known.",
     "The distance between the FMU and the linear plant (model_mismatch) is measured, not proven.",
 )
 TRUST_BASE = (
@@ -34,11 +35,6 @@ TRUST_BASE = (
     "the step-halving estimate of the numerical error",
     "CPython, NumPy, SciPy, python-flint (exact poles), cvxpy and Clarabel (candidates only)",
 )
-
-
-def printable(name: str) -> str:
-    """A file's name with question marks for bytes that are no UTF-8: evidence is text."""
-    return name.encode("utf-8", "replace").decode()
 
 
 def number(value: float | None) -> float | None:

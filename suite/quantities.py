@@ -21,6 +21,7 @@ Reals = NDArray[np.float64]
 
 UNDAMPED = 1e-4  # damping ratios below this count as undamped
 DECAYED = 1e-3  # amplitude to which a damped mode must have decayed for its last value to be its rest value
+UNEVEN = 1e-3  # of three samples' whole span: no parabola is laid through samples closer than this
 PERIODS, MOST_PERIODS = 20, 200  # slowest periods observed after the move: at least, and at most
 
 
@@ -75,7 +76,9 @@ def _extremes(times: Reals, values: Reals) -> tuple[float, float]:
     y0, y1, y2 = values[:-2], values[1:-1], values[2:]
     first, second = (y1 - y0) / (t1 - t0), (y2 - y1) / (t2 - t1)
     curvature = (second - first) / (t2 - t0)
-    turning = (first * second < 0) & (curvature != 0.0)
+    # Where a switch lies just beside a regular point, rounding divided by the tiny step between them would be a slope.
+    even = np.minimum(t1 - t0, t2 - t1) > UNEVEN * (t2 - t0)
+    turning = (first * second <= 0) & (curvature != 0.0) & even
     if turning.any():
         slope = first[turning] + curvature[turning] * (t1 - t0)[turning]  # of the parabola at t1
         vertex = y1[turning] - slope**2 / (4 * curvature[turning])
@@ -109,7 +112,9 @@ def _settling_time(run: Observation, quantity: Quantity) -> float:
     if not len(over):
         return 0.0
     last = over[-1]
-    if last == len(run.times) - 1:
+    # What is still outside in the last period of an undamped mode is outside for ever, whatever its phase when the window ends.
+    lasting = 0.0 if run.facts.decayed or run.facts.slowest_period is None else run.facts.slowest_period
+    if last == len(run.times) - 1 or run.times[last] > max(run.times[-1] - lasting, run.command.end):
         return math.inf  # not settled within the observed window
     share = outside[last] / (outside[last] - outside[last + 1])
     return float(run.times[last] + share * (run.times[last + 1] - run.times[last]))
@@ -146,10 +151,14 @@ def _before_end(run: Observation) -> float:
 
 
 def _insensitivity(run: Observation, quantity: Quantity) -> float:
+    if any(segment.slope for segment in run.command.segments) or run.command.tail.terms:
+        return math.nan  # defined by impulses, which steps alone are made of
     if not run.facts.modes:
         return math.inf
     table = jumps(run.command, run.facts.rest_input)
     unit = float(np.abs(run.input - run.facts.rest_input).max())
+    if unit == 0.0:
+        return math.nan
     level = float(quantity.level or 0)
     return min(insensitivity(table[:, 0], table[:, 1] / unit, frequency, damping, level) for frequency, damping in run.facts.modes)
 
@@ -185,7 +194,7 @@ DEFINITIONS: Mapping[str, Callable[[Observation, Quantity], float]] = {
 
 
 def evaluate(run: Observation, quantity: Quantity) -> float:
-    """The value of a quantity on one run; infinite where it does not exist (the rate of a jump, a run that never settles)."""
+    """The value of a quantity on one run; infinite for the rate of a jump or a run that never settles, NaN where it is not defined."""
     return DEFINITIONS[quantity.name](run, quantity)
 
 

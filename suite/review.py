@@ -23,9 +23,8 @@ from suite.evidence import RESULTS, number
 from suite.observations import COMMAND_FILE, measured_in, observe, requirements_in
 from suite.quantities import evaluate
 from suite.quantity_names import Quantity, parse_quantity
-from suite.study import Requirement, Uncertainty
+from suite.study import GRID, Requirement, Uncertainty
 from suite.study_file import parse
-from suite.study_meaning import GRID
 from suite.verdicts import Judgement, Measured, RunVerdict, Verdict, judge, overall
 
 MALFORMED = (
@@ -147,17 +146,13 @@ def _value(measured: Measured | None) -> float | None:
 def _review_folder(folder: Path) -> Review:
     try:
         statuses = manifest.check_manifest(folder)
-        results = json.loads((folder / RESULTS).read_bytes())  # NaN and infinities, which are no JSON, agree with no value
+        results = json.loads((folder / RESULTS).read_bytes())
     except ManifestError as problem:
         missing = not (folder / manifest.NAME).is_file()
         return Review(ReviewStatus.INCOMPLETE if missing else ReviewStatus.TAMPERED, (), (), (str(problem),))
     except (OSError, ValueError, RecursionError) as problem:
-        return Review(
-            ReviewStatus.TAMPERED,
-            (),
-            ((RESULTS, "missing" if isinstance(problem, OSError) else "changed"),),
-            (f"{RESULTS} cannot be read: {problem}",),
-        )
+        state = "missing" if isinstance(problem, OSError) else "changed"
+        return Review(ReviewStatus.TAMPERED, (), ((RESULTS, state),), (f"{RESULTS} cannot be read: {problem}",))
     listed = tuple((status.path, str(status.status)) for status in statuses)
     tampered = [f"{path} is {status}" for path, status in listed if status != "ok"]
     try:
@@ -228,19 +223,23 @@ def _missing_runs(results: Mapping[str, Any], study: Mapping[str, Any]) -> Itera
     table = results["run_table"]
     if results["command"] is None:
         return
-    axes = [
-        Uncertainty(axis["parameter"], *map(Decimal, axis["range"]), axis.get("samples", GRID)) for axis in study.get("uncertainty", [])
-    ]
+    axes = [_axis(written) for written in study.get("uncertainty", [])]
     made = {tuple(entry["parameters"][axis.parameter] for axis in axes) for entry in table}
-    left_out = sum(tuple(map(float, sample)) not in made for sample in itertools.product(*(axis.values for axis in axes)))
-    if left_out:
-        yield f"{left_out} samples of the study's box are not among the runs"
+    asked = math.prod(axis.samples for axis in axes)
+    there = asked <= len(made) and all(tuple(map(float, sample)) in made for sample in itertools.product(*(axis.values for axis in axes)))
+    if not there:
+        yield f"the study's box has {asked} samples, and not all of them are among the runs"
     if [entry["nominal"] for entry in table].count(True) != 1:
         yield "the nominal plant is not run once"
     verdicts = [entry["verdict"] for entry in table]
     counts = {"total": len(table), "passed": verdicts.count("pass"), "failed": verdicts.count("fail"), "errors": verdicts.count("error")}
     if counts != results["runs"]:
         yield f"the runs are counted as {results['runs']}, the table has {counts}"
+
+
+def _axis(written: Mapping[str, Any]) -> Uncertainty:
+    lower, upper = written["range"]
+    return Uncertainty(written["parameter"], Decimal(lower), Decimal(upper), int(written.get("samples", GRID)))
 
 
 def _judge_again(

@@ -20,6 +20,8 @@ from suite.quantity_names import Quantity
 if TYPE_CHECKING:
     from fmus.archives import Fmu
 
+GRID = 11  # samples of one uncertain parameter, unless said otherwise
+
 Exact = Decimal
 Complex = tuple[Decimal, Decimal]
 """(re, im)."""

@@ -45,6 +45,11 @@ def parse(file: Path, source: bytes) -> dict[str, Any]:
         raise _error(file, "holds a whole number of thousands of digits") from None
 
 
+def printable(name: str) -> str:
+    """A file's name with question marks for bytes that are no UTF-8: evidence is text."""
+    return name.encode("utf-8", "replace").decode()
+
+
 def _error(file: Path, message: str) -> StudyError:
     return StudyError(str(file), [Mistake("", ABSENT, message)])
 

@@ -9,19 +9,22 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from relaxations.commands import Command
 from relaxations.errors import CommandError, PlantError
 from suite import schema
 from suite.errors import ABSENT, Mistake
 from suite.plants import linear_plant
 from suite.quantity_names import Quantity, UnitKind, parse_quantity
-from suite.study import CommandRequest, Limits, Maneuver, Plant, Requirement, Simulation, Study, Uncertainty
+from suite.study import GRID, CommandRequest, Limits, Maneuver, Plant, Requirement, Simulation, Study, Uncertainty
+from suite.study_file import printable
 from suite.study_plant import PlantNames, understand_plant
 from suite.study_rules import contradictions, unsupported
 
-GRID = 11  # samples of one parameter, unless said otherwise
 TRIED = 200  # plants of one axis that are built to see whether they exist: 0.5 ms each
 LINEAR_PARAMETER = re.compile(r"(mode\[[1-9]\d*\]\.(frequency|damping)|zero\[[1-9]\d*\])\Z")
+ROUNDING = 1e-9  # of the distance between the limits
 PURE_UNITS = {"1", "-", "–"}
 Item = TypeVar("Item")
 
@@ -41,13 +44,15 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
     )
     uncertainties = tuple(_uncertainty(item, i, names, mistakes) for i, item in _items(written.uncertainty))
     command = _command(written.command, file.parent, mistakes) if written.command else None
+    if command is not None and command.given is not None and written.command is not None and written.limits is not None:
+        _within(command.given, written.command.file, written.limits.input, mistakes)
     if plant is not None and written.maneuver is not None and written.limits is not None:
         _task(plant, written.maneuver.displacement, written.limits.input, mistakes)
         _box(plant, [(i, axis) for i, axis in enumerate(uncertainties, 1) if axis is not None], mistakes)
     if mistakes or plant is None or command is None or not (written.maneuver and written.limits and written.simulation and written.keep):
         return None, _in_order(mistakes)
     study = Study(
-        title=written.title or file.stem,
+        title=written.title or printable(file.stem),
         file=file,
         source=source,
         plant=plant,
@@ -129,6 +134,21 @@ def _command(written: schema.Command, folder: Path, mistakes: list[Mistake]) -> 
         return None
     robustness = written.robustness or 0
     return CommandRequest("time-optimal", robustness=robustness, start=start) if isinstance(robustness, int) else None
+
+
+def _within(command: Command, file: str | None, limits: tuple[Decimal, Decimal], mistakes: list[Mistake]) -> None:
+    """A command that was given respects the limits too, up to the rounding of its own numbers."""
+    lower, upper = map(float, limits)
+    slack = ROUNDING * (upper - lower)
+    starts = [segment.start for segment in command.segments]
+    levels = []
+    for segment, end in zip(command.segments, [*starts[1:], command.end], strict=False):  # of no segments there is no first start
+        levels += [segment.level, segment.level + segment.slope * (end - segment.start)]
+    slowest = min((-term.rate.real for term in command.tail.terms), default=1.0)
+    levels += command.tail(np.linspace(0.0, 20.0 / slowest, 2001)).tolist()  # until nothing is left of its slowest term
+    for level, limit, beyond in ((min(levels), lower, min(levels) < lower - slack), (max(levels), upper, max(levels) > upper + slack)):
+        if beyond:
+            mistakes.append(Mistake("command.file", file, f"the command reaches {level:.10g}, beyond limits.input, {limit:.10g}"))
 
 
 def _simulation(written: schema.Simulation) -> Simulation:

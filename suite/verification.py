@@ -90,6 +90,7 @@ def _planned(study: Study, made: Design) -> tuple[Sample, ...]:
     planned = samples(study)
     if unstable := ", ".join([sample.name for sample in planned if sample.plant.is_unstable][:5]):
         raise refusal(study, "plant", f"the plant is unstable (in {unstable}): an open-loop command means nothing on it; bound works")
+    asks_for_rest = any(requirement.quantity.name in ("residual_vibration", "final_error") for requirement in study.requirements)
     for sample in planned:
         if made.command is None:
             break
@@ -98,6 +99,10 @@ def _planned(study: Study, made: Design) -> tuple[Sample, ...]:
             grid = f"{points:.3g} communication points, one every {setting.step:.3g} s until {setting.stop:.6g} s"
             message = f"run {sample.name} would have {grid}; at most {MOST_POINTS} are taken: give a longer step, or a shorter observe"
             raise refusal(study, "simulation", message)
+        observed, period = setting.stop - made.command.end, setting.facts.slowest_period
+        if asks_for_rest and period is not None and observed < period:
+            message = f"{observed:.6g} s are less than the slowest period of run {sample.name}, {period:.6g} s: its rest is not seen"
+            raise refusal(study, "simulation.observe", message)
     return planned
 
 
@@ -132,7 +137,7 @@ def _drop(folder: Path, runs: tuple[RunResult, ...], judgements: tuple[Judgement
     worst = {judgement.worst_run for judgement in judgements}
     kept = []
     for run in runs:
-        if run.nominal or run.name in worst or run.verdict is not Verdict.PASS:
+        if run.log is None or run.nominal or run.name in worst or run.verdict is not Verdict.PASS:
             kept.append(run)
         else:
             (folder / run.log).unlink(missing_ok=True)

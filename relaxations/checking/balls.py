@@ -76,6 +76,15 @@ def stable_zeros(numerator: fmpq_poly) -> tuple[Root, ...]:
     return tuple(left)
 
 
+def tail_room(task: Task, rest: fmpq, time: fmpq) -> tuple[fmpq, fmpq]:
+    """How far above and below the final rest input the tail may be, `time` seconds after the move; exact."""
+    above, below = task.upper_limit - task.initial_input - rest, task.initial_input + rest - task.lower_limit
+    if task.tail_length is not None and time >= task.tail_length[0]:
+        tight = task.tail_length[1] * min(above, below)
+        return min(above, tight), min(below, tight)
+    return above, below
+
+
 @dataclass(frozen=True, slots=True)
 class Plant:
     """A plant's roots (robustness zeros included in the multiplicities), its rest input and its highest rigid-body residue, exact."""

@@ -11,7 +11,7 @@ from math import factorial
 
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking.balls import Inconclusive, Plant, Refuted, Root, impulse, nearest, step
+from relaxations.checking.balls import Inconclusive, Plant, Refuted, Root, impulse, nearest, step, tail_room
 from relaxations.checking.reading import Chain, LowerWitness, Malformed, TailMultiplier, Task
 
 MOST_CELLS = 100_000
@@ -206,8 +206,8 @@ def prove(task: Task, plants: Sequence[Plant], witness: LowerWitness, time: fmpq
         terms += own
     right = arb(0)
     for m in witness.tail:
-        right += arb(m.upper * (task.upper_limit - task.initial_input - plants[0].rest_input))
-        right -= arb(m.lower * (task.lower_limit - task.initial_input - plants[0].rest_input))
+        above, below = tail_room(task, plants[0].rest_input, m.time)
+        right += arb(m.upper * above + m.lower * below)
     integral = support(terms, arb(time).upper(), lower, upper) if time > 0 else arb(0)
     if left > integral + right:
         return

@@ -43,6 +43,7 @@ class Task:
     lower_limit: fmpq
     upper_limit: fmpq
     initial_input: fmpq
+    tail_length: tuple[fmpq, fmpq] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,12 +197,18 @@ def _task(data: Any) -> Task:
     found = _members(data, "task", "plants", "displacement", "rest", "limits", "initial_input")
     if found["rest"] not in ("state", "output"):
         raise Malformed('task.rest is "state" or "output"')
-    limits = _members(found["limits"], "task.limits", "input")
+    limits = _members(found["limits"], "task.limits", "input", "tail_length")
+    length: tuple[fmpq, fmpq] | None = None
+    if limits["tail_length"] is not None:
+        entry = _members(limits["tail_length"], "task.limits.tail_length", "time", "within")
+        length = real(entry["time"]), real(entry["within"])
+        if found["rest"] != "output" or length[0] < 0 or not 0 < length[1] <= 1:
+            raise Malformed("a tail length (time from 0 on, fraction from 0 to 1) belongs to an output rest")
     pair = _list(limits["input"], "task.limits.input", 2)
     plants = tuple(_plant(item) for item in _list(found["plants"], "task.plants", 1))
     if len(pair) != 2 or not plants:
         raise Malformed("task.limits.input has two numbers, task.plants one plant")
-    task = Task(plants, real(found["displacement"]), found["rest"] == "output", real(pair[0]), real(pair[1]), real(found["initial_input"]))
+    task = Task(plants, real(found["displacement"]), found["rest"] == "output", real(pair[0]), real(pair[1]), real(found["initial_input"]), length)
     if not task.lower_limit < task.upper_limit or task.displacement == 0:
         raise Malformed("limits ascend, and the displacement is not 0")
     return task

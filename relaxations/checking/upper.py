@@ -12,7 +12,7 @@ from math import factorial
 
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking.balls import Inconclusive, Plant, Refuted, Root, impulse, nearest, step
+from relaxations.checking.balls import Inconclusive, Plant, Refuted, Root, impulse, nearest, step, tail_room
 from relaxations.checking.reading import Malformed, Task, UpperWitness
 
 MOST_CELLS = 20_000
@@ -62,10 +62,15 @@ def _flat(plants: Sequence[Plant], rows: Sequence[Sequence[Sequence[acb]]]) -> l
     return flat
 
 
+def _jumps(levels: Sequence[arb]) -> list[arb]:
+    """The impulse at the beginning of each segment."""
+    return [level - (levels[i - 1] if i else 0) for i, level in enumerate(levels)]
+
+
 def residual(plants: Sequence[Plant], zeros: Sequence[Root], values: Values) -> list[arb]:
     """The moments of the command minus where they must be, tail included."""
     rows = []
-    jumps = [level - before for level, before in zip(values.levels, (arb(0), *values.levels[:-1]), strict=True)]
+    jumps = _jumps(values.levels)
     for plant in plants:
         own = []
         for root in plant.roots:
@@ -90,7 +95,7 @@ def _tail(plant: Plant, root: Root, k: int, zero: Root, power: int, c: acb) -> a
 
 def jacobian(plants: Sequence[Plant], zeros: Sequence[Root], values: Values, free: Sequence[tuple[str, int, int]]) -> arb_mat:
     """Derivatives of the residual by each unknown, over balls of values."""
-    jumps = [level - before for level, before in zip(values.levels, (arb(0), *values.levels[:-1]), strict=True)]
+    jumps = _jumps(values.levels)
     ends = (*values.starts[1:], values.time)
     columns = []
     for kind, i, power in free:
@@ -179,32 +184,89 @@ def _order(witness: UpperWitness, values: Values) -> None:
             raise Inconclusive(f"instants {i} and {i + 1} are not told apart at this precision")
 
 
-def _tail_limits(task: Task, zeros: Sequence[Root], values: Values, steady: fmpq) -> None:
-    """The tail within the limits for ever: on [0, R] by subdivision, beyond R by the envelope `Σ |c| r^l/l! e^{Re z r}`, which falls there."""
-    if not any(not c.is_zero() for chain in values.tail for c in chain):
-        return
-    lower, upper = arb(task.lower_limit - task.initial_input - steady), arb(task.upper_limit - task.initial_input - steady)
-    room = min(upper, -lower, key=lambda ball: float(ball.mid()))
+@dataclass(frozen=True, slots=True)
+class _Tail:
+    """`Σ Re(c r^l/l! e^{zr})` over stable zeros."""
 
-    def tail(r: arb) -> arb:
+    zeros: tuple[Root, ...]
+    chains: tuple[tuple[acb, ...], ...]
+
+    def __call__(self, r: arb) -> arb:
         total = arb(0)
-        for zero, chain in zip(zeros, values.tail, strict=True):
+        for zero, chain in zip(self.zeros, self.chains, strict=True):
             growth = (zero.value * r).exp()
             total += sum(((c * growth).real * r**k / factorial(k) for k, c in enumerate(chain)), arb(0))
         return total
 
-    far = max(float((arb(len(chain)) / -zero.value.real).upper()) for zero, chain in zip(zeros, values.tail, strict=True))
+    def derivative(self) -> _Tail:
+        """d/dr."""
+        chains = tuple(
+            tuple(zero.value * c + d for c, d in zip(chain, (*chain[1:], acb(0)), strict=True))
+            for zero, chain in zip(self.zeros, self.chains, strict=True)
+        )
+        return _Tail(self.zeros, chains)
+
+    def envelope(self, r: arb) -> list[arb]:
+        """`Σ |c| r^l/l! e^{Re z r}` of each zero; each falls from r = l/|Re z| on."""
+        return [
+            sum((abs(c) * r**k / factorial(k) * (zero.value.real * r).exp() for k, c in enumerate(chain)), arb(0))
+            for zero, chain in zip(self.zeros, self.chains, strict=True)
+        ]
+
+    def settled(self, r: arb, above: fmpq, below: fmpq) -> bool:
+        """Whether the tail is within its room from r on: by its envelope, or, with no room on one side, by the sign of its slowest term."""
+        parts = self.envelope(r)
+        if sum(parts, arb(0)) <= arb(min(above, below)):
+            return True
+        slowest = max(range(len(self.zeros)), key=lambda i: float(self.zeros[i].value.real.mid()))
+        zero, chain = self.zeros[slowest], self.chains[slowest]
+        slower = all(zero.value.real > other.value.real for other in self.zeros if other is not zero)
+        if zero.flexible or len(chain) != 1 or not slower or not (above == 0 or below == 0):
+            return False
+        # The others' envelopes fall faster than the slowest term, so what it outweighs at r it outweighs for ever.
+        others = sum((part for i, part in enumerate(parts) if i != slowest), arb(0))
+        inward = chain[0].real < 0 if above == 0 else chain[0].real > 0
+        return bool(inward and others < parts[slowest] and sum(parts, arb(0)) <= arb(max(above, below)))
+
+
+def _tail_limits(task: Task, zeros: tuple[Root, ...], values: Values, rest: fmpq, touch: fmpq | None) -> None:
+    """The tail within its limits for ever: on [0, far] by subdivision, beyond as `settled` says; `touch` is its first value if that is exact."""
+    if not any(not c.is_zero() for chain in values.tail for c in chain):
+        return
+    tail = _Tail(zeros, values.tail)
+    later = fmpq(0) if task.tail_length is None else task.tail_length[0]
+    last = tail_room(task, rest, later)
+    far = max(float((arb(len(chain) + 1) / -zero.value.real).upper()) for zero, chain in zip(zeros, values.tail, strict=True))
+    far = max(far, float(arb(later).upper()))
     for _ in range(60):
-        bound = arb(0)
-        for zero, chain in zip(zeros, values.tail, strict=True):
-            decay = (zero.value.real * far).exp()
-            bound += sum((abs(c) * arb(far) ** k / factorial(k) * decay for k, c in enumerate(chain)), arb(0))
-        if bound < room:
+        if tail.settled(arb(far), *last):
             break
         far *= 2
     else:
-        raise Inconclusive("the tail's envelope does not fall below the limits: the final rest input may lie on one")
-    waiting, cells = [(arb(0), arb(far))], 0
+        raise Inconclusive("the tail does not settle within the limits: the final rest input may lie on one")
+    # The tighter limits of a tail length count from its time on; the cell that holds that time obeys both.
+    pieces = [(arb(0), arb(later).upper(), tail_room(task, rest, fmpq(-1)))] if later > 0 else []
+    pieces.append((arb(later).lower(), arb(far), last))
+    for start, end, (above, below) in pieces:
+        begin = start
+        if touch is not None and start == 0 and (touch == above or touch == -below):
+            begin = _leaves(tail.derivative(), end, touch == above)
+        _inside(tail, begin, end, -arb(below), arb(above))
+
+
+def _leaves(slope: _Tail, end: arb, falling: bool) -> arb:
+    """An instant up to which a tail that begins on a limit moves away from it."""
+    for _ in range(200):
+        value = slope(arb(0).union(end))
+        if value < 0 if falling else value > 0:
+            return end
+        end = (end / 2).mid()
+    raise Inconclusive("the tail begins on a limit and does not provably leave it")
+
+
+def _inside(tail: _Tail, start: arb, end: arb, lower: arb, upper: arb) -> None:
+    """lower ≤ tail ≤ upper on [start, end], by subdivision."""
+    waiting, cells = [(start, end)], 0
     while waiting:
         a, b = waiting.pop()
         cells += 1
@@ -226,7 +288,7 @@ def prove(task: Task, plants: Sequence[Plant], witness: UpperWitness, time: fmpq
     values = solve(plants, zeros, witness, task.initial_input)
     _order(witness, values)
     _limits(task, witness, values)
-    _tail_limits(task, zeros, values, plants[0].rest_input)
+    _tail_limits(task, zeros, values, plants[0].rest_input, None if witness.starts else _first_value(task, plants[0]))
     if ("time", 0, 0) not in witness.free:
         if witness.maneuver_time > time:
             raise Refuted("the command takes longer than the upper bound that is claimed")
@@ -234,6 +296,12 @@ def prove(task: Task, plants: Sequence[Plant], witness: UpperWitness, time: fmpq
         raise Refuted("the command takes longer than the upper bound that is claimed")
     elif not values.time <= arb(time):
         raise Inconclusive("the command's duration is not told from the upper bound that is claimed")
+
+
+def _first_value(task: Task, plant: Plant) -> fmpq | None:
+    """u(0+) - u_ss of a command that is all tail: the output jumps to its target through the feed-through at once, `u = u_0 + Δ/D`, exact."""
+    (data,) = task.plants
+    return task.displacement / data.numerator[-1] - plant.rest_input if len(data.numerator) == len(data.denominator) else None
 
 
 def _tail_zeros(plants: Sequence[Plant], witness: UpperWitness) -> tuple[Root, ...]:

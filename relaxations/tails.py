@@ -1,0 +1,119 @@
+"""The tail: after the move the input may decay along the plant's stable zeros, which the output does not see (../docs/theory.md, section 1).
+
+A tail is `u_ss + Σ Re(c r^l/l! e^{zr})`, r the time since the end of the move, over the zeros z left of the imaginary axis and the powers
+l below their multiplicity. Its real coefficients (one for a real zero, two for a complex pair) enter every equation linearly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb, factorial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relaxations.commands import TailTerm
+from relaxations.moments import Basis
+from relaxations.plants import Pole
+
+Reals = NDArray[np.float64]
+
+LASTING = 12.0  # time constants of the slowest zero that a tail is looked at for: e^-12 of it is left
+LOOKS = 400  # instants a tail is looked at, before the cutting planes
+
+
+@dataclass(frozen=True, slots=True)
+class TailLength:
+    """From `time` [s] after the move on, the tail stays within the fraction `within` of the nearer limit's distance from the final rest input."""
+
+    time: float
+    within: float
+
+
+@dataclass(frozen=True, slots=True)
+class TailSpace:
+    """The tails that a problem allows: `zeros`, room above and below the final rest input (input units), `length` if it is limited.
+
+    `columns` (size, n): what each real coefficient adds to the moments that are asked for at the end of the move.
+    """
+
+    zeros: tuple[Pole, ...]
+    columns: Reals
+    above: float
+    below: float
+    length: TailLength | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of real coefficients n."""
+        return sum(zero.multiplicity * (2 if zero.is_flexible else 1) for zero in self.zeros)
+
+    def rows(self, since: Reals) -> Reals:
+        """The tail's deviation from the final rest input at `since` ≥ 0 [s] for each unit coefficient: shape (len(since), n)."""
+        r = np.atleast_1d(np.asarray(since, dtype=float))
+        columns = []
+        for zero in self.zeros:
+            for power in range(zero.multiplicity):
+                values = r**power / factorial(power) * np.exp(zero.value * r)
+                columns.append(values.real)
+                if zero.is_flexible:
+                    columns.append(-values.imag)
+        return np.array(columns).T if columns else np.zeros((len(r), 0))
+
+    def room(self, since: Reals) -> tuple[Reals, Reals]:
+        """How far above and below the final rest input the tail may be at `since` [s]."""
+        r = np.atleast_1d(np.asarray(since, dtype=float))
+        above, below = np.full(r.shape, self.above), np.full(r.shape, self.below)
+        if self.length is not None:
+            late = r >= self.length.time
+            tight = self.length.within * min(self.above, self.below)
+            above[late], below[late] = np.minimum(above[late], tight), np.minimum(below[late], tight)
+        return above, below
+
+    def looks(self) -> Reals:
+        """Instants [s] at which the limits are first imposed: dense at the beginning, as long as anything is left."""
+        if not self.zeros:
+            return np.zeros(0)
+        slowest = min(-zero.value.real for zero in self.zeros)
+        most = max(zero.multiplicity for zero in self.zeros)
+        last = (LASTING + 4 * most) / slowest
+        instants = np.concatenate([[0.0], np.geomspace(1e-4 * last, last, LOOKS)])
+        extra = [self.length.time] if self.length is not None else []
+        return np.unique(np.concatenate([instants, extra]))
+
+    def terms(self, coefficients: Reals) -> tuple[TailTerm, ...]:
+        """The command's tail terms (whose powers have no factorial)."""
+        terms, at = [], 0
+        for zero in self.zeros:
+            for power in range(zero.multiplicity):
+                width = 2 if zero.is_flexible else 1
+                part = coefficients[at : at + width]
+                at += width
+                value = complex(part[0], part[1]) if width == 2 else complex(part[0])
+                if value:
+                    terms.append(TailTerm(zero.value, power, value / factorial(power)))
+        return tuple(terms)
+
+
+def tail_columns(bases: tuple[Basis, ...], zeros: tuple[Pole, ...]) -> Reals:
+    """What every real tail coefficient adds to the moments at the end of the move, shape (size, n).
+
+    `r^l/l! e^{zr}` afterwards balances the moment `(-1)^l C(k+l, l) / (z-p)^(k+l+1)` at power k of the pole p.
+    """
+    columns = []
+    for zero in zeros:
+        for power in range(zero.multiplicity):
+            for unit in (1.0, 1j) if zero.is_flexible else (1.0,):
+                parts = []
+                for basis in bases:
+                    chains = []
+                    for pole in basis.poles:
+                        for k in range(pole.multiplicity):
+                            factor = comb(k + power, power) * (-1) ** power
+                            one = factor / (zero.value - pole.value) ** (k + power + 1)
+                            other = factor / (zero.value.conjugate() - pole.value) ** (k + power + 1)
+                            chains.append(np.array([(unit * one + np.conj(unit) * other) / 2], dtype=complex))
+                    parts.append(basis.real(iter(chains))[:, 0])
+                columns.append(np.concatenate(parts))
+    size = sum(basis.size for basis in bases)
+    return np.array(columns).T if columns else np.zeros((size, 0))
