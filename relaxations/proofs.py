@@ -163,9 +163,9 @@ def _refined(problem: Problem, task: dict[str, Any], found: Bound) -> Side | Non
     # As many unknowns as equations, the best conditioned ones; at an extremal the switches alone are singular, so the duration is one of
     # them, or a tail coefficient where the tail touches a limit.
     names: list[list[Any]] = [["time", 0, 0], *(["start", i, 0] for i in range(1, len(starts))), *certificates.tail_unknowns(problem)]
-    jumps = np.diff([float(level) for level in levels])
-    slopes = found.upper * np.hstack([problem.rows([found.upper]), problem.rows(found.upper - starts[1:]) * jumps])
-    columns = np.hstack([slopes, -problem.tail.columns * (float(np.abs(found.tail).max(initial=0.0)) or 1.0)])
+    jumps = np.diff([float(level - problem.maneuver.rest) for level in levels], prepend=0.0)
+    slopes = found.upper * problem.rows(found.upper - starts) * jumps
+    columns = np.hstack([slopes.sum(axis=1, keepdims=True), slopes[:, 1:], -problem.tail.columns * (float(np.abs(found.tail).max(initial=0.0)) or 1.0)])
     columns /= np.abs(columns).max(axis=1)[:, None]
     free = [names[i] for i in np.sort(qr(columns, pivoting=True, mode="r")[1][:count])]
     tail = certificates.tail_chains(problem, found.tail)
