@@ -109,10 +109,10 @@ class Worker:
         return answer.reply
 
     def close(self) -> None:
-        """End the child and remove its folder."""
-        if self._child is not None:
-            self._child.stop()
-            self._child = None
+        """End the child and remove its folder; may be called from another thread, whose run then ends as if the FMU had crashed."""
+        child, self._child = self._child, None
+        if child is not None:
+            child.stop()
 
     def __enter__(self) -> Self:
         return self

@@ -49,12 +49,17 @@ class Settings:
     tolerance: float = 1e-9
 
 
+    def finer(self, factor: int) -> Settings:
+        """The same on a grid of `factor` times as many intervals."""
+        scaled = (factor * n for n in (self.cells_per_equation, self.least_cells, self.cells_per_period))
+        return Settings(*scaled, self.most_cells, self.programs, self.tolerance)
+
+
 @dataclass(frozen=True, slots=True)
 class Bound:
     """A bracket of the minimum time T* [s]: `lower` rests on `costate`, `upper` on `command`; `reason` says what is missing to a proof.
 
-    `tail` holds the coefficients of the command's tail, `multipliers` those of its limits (instant after the move [s], μ⁺, μ⁻), `price` what
-    they take off the costate's target. `certificate` holds what was proven, in a form that `relaxations.checking` verifies.
+    `tail` holds the coefficients of the command's tail, `dual` what costate and command came from. `certificate` holds what was proven, in a form that `relaxations.checking` verifies.
     """
 
     status: Status
@@ -67,8 +72,7 @@ class Bound:
     programs: int
     seconds: float
     tail: Reals = field(default_factory=lambda: np.zeros(0))
-    multipliers: tuple[tuple[float, float, float], ...] = ()
-    price: float = 0.0
+    dual: programs.GridSolution | Extremal | None = None
     certificate: bytes | None = None
 
     @property
@@ -99,8 +103,8 @@ STATELESS = "the plant has no states: it is at rest as soon as its input is"
 NOT_PROVEN = "both sides were evaluated in floating point"
 
 
-def bracket(problem: Problem, settings: Settings | None = None) -> Bound:
-    """Bracket the least maneuver time of `problem`.
+def bracket(problem: Problem, settings: Settings | None = None, near: float | None = None) -> Bound:
+    """Bracket the least maneuver time of `problem`; `near` is a guess at it [s].
 
     Raises `SolverError` if a program could not be solved. A task whose target stays out of reach at every time that was tried comes back
     `BRACKETED` with `upper` None.
@@ -113,7 +117,7 @@ def bracket(problem: Problem, settings: Settings | None = None) -> Bound:
     if (instant := _tail_only(problem)) is not None:
         command = Command(0.0, (), Tail(problem.absolute(problem.hold), problem.tail.terms(instant)))
         return Bound(Status.BRACKETED, 0.0, 0.0, np.zeros(problem.size), command, 0, NOT_PROVEN, 0, time.perf_counter() - begun, instant)
-    grid = grid_minimum(problem, chosen)
+    grid = grid_minimum(problem, chosen, near)
 
     def bound(dual: programs.GridSolution | Extremal, command: Command | None, switches: int | None, reason: str) -> Bound:
         upper = None if command is None else command.maneuver_time
@@ -122,9 +126,8 @@ def bracket(problem: Problem, settings: Settings | None = None) -> Bound:
         lower = float(lower_bound(problem, dual.costate, near, price))
         if upper is not None:
             lower = min(lower, upper)
-        seconds = time.perf_counter() - begun
-        tail, multipliers = dual.tail_coefficients, dual.tail_multipliers
-        return Bound(Status.BRACKETED, lower, upper, dual.costate, command, switches, reason, grid.count, seconds, tail, multipliers, price)
+        seconds, tail = time.perf_counter() - begun, dual.tail_coefficients
+        return Bound(Status.BRACKETED, lower, upper, dual.costate, command, switches, reason, grid.count, seconds, tail, dual)
 
     if grid.above is None:
         assert grid.below is not None
@@ -183,7 +186,7 @@ def instants(problem: Problem, horizon: float, settings: Settings) -> Reals:
     return grid(problem, horizon, least, settings.cells_per_period, settings.most_cells)
 
 
-def grid_minimum(problem: Problem, settings: Settings) -> GridMinimum:
+def grid_minimum(problem: Problem, settings: Settings, near: float | None = None) -> GridMinimum:
     """The root of α(T) = 1 by Newton's method on log α against log T, safeguarded by the bracket found so far.
 
     With the costate scaled to `λᵀ target = 1`, `dα/dT = σ(p(T))`. On logarithms a rigid body (α ~ T^m) is solved in one step, and no unit
@@ -192,6 +195,7 @@ def grid_minimum(problem: Problem, settings: Settings) -> GridMinimum:
     growth = max((pole.value.real for target in problem.sets for pole in target.basis.poles), default=0.0)
     horizon = first = _first_guess(problem) if growth <= 0.0 else min(_first_guess(problem), 1.0 / growth)
     farthest = FARTHEST * first if growth <= 0.0 else LARGEST_EXPONENT / growth
+    horizon = near or horizon
     below: programs.GridSolution | None = None
     above: programs.GridSolution | None = None
     count = 0

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from relaxations.maneuvers import Problem
 from relaxations.plants import fraction
 
-Reals = NDArray[np.float64]
+Number = Fraction | float
+Numbers = Sequence[Number] | NDArray[np.float64]
 
 FORMAT = "slewcert-certificate/1"
 LONGEST_DECIMAL = 60  # digits; longer exact numbers are written as p/q
@@ -25,10 +26,10 @@ LONGEST_DECIMAL = 60  # digits; longer exact numbers are written as p/q
 
 def text(value: Fraction | float) -> str:
     """An exact number as the certificate writes it: a short decimal, p/q, or a hexadecimal float."""
-    if isinstance(value, float):
+    if isinstance(value, float):  # numpy's too
         if value == 0.0:
             return "0"
-        mantissa, exponent = value.hex().split("p")
+        mantissa, exponent = float(value).hex().split("p")
         return f"{mantissa.rstrip('0').rstrip('.') if '.' in mantissa else mantissa}p{exponent}"
     denominator, twos, fives = value.denominator, 0, 0
     while denominator % 2 == 0:
@@ -71,7 +72,7 @@ def _zeros(problem: Problem) -> dict[str, int]:
     return {name: count for name, count in robustness.items() if count}
 
 
-def costate_witness(problem: Problem, costate: Reals, multipliers: Sequence[tuple[float, float, float]] = ()) -> dict[str, Any]:
+def costate_witness(problem: Problem, costate: Numbers, multipliers: Sequence[tuple[Number, Number, Number]] = ()) -> dict[str, Any]:
     """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole; (instant, μ⁺, μ⁻) of the tail's limits."""
     plants, at = [], 0
     for target in problem.sets:
@@ -81,7 +82,7 @@ def costate_witness(problem: Problem, costate: Reals, multipliers: Sequence[tupl
             for _ in range(pole.multiplicity):
                 width = 2 if pole.is_flexible else 1
                 part = costate[at : at + width]
-                coefficients.append([text(float(part[0])), text(-float(part[1])) if width == 2 else "0"])
+                coefficients.append([text(part[0]), text(-part[1]) if width == 2 else "0"])
                 at += width
             chains.append({"near": [text(pole.value.real), text(pole.value.imag)], "coefficients": coefficients})
         plants.append(chains)
@@ -89,7 +90,7 @@ def costate_witness(problem: Problem, costate: Reals, multipliers: Sequence[tupl
     return {"costate": plants, "tail": tail}
 
 
-def tail_chains(problem: Problem, coefficients: Reals) -> list[dict[str, Any]]:
+def tail_chains(problem: Problem, coefficients: Numbers) -> list[dict[str, Any]]:
     """The tail's coefficients of `Re(c r^l/l! e^{zr})` at every stable zero."""
     chains, at = [], 0
     for zero in problem.tail.zeros:
@@ -97,7 +98,7 @@ def tail_chains(problem: Problem, coefficients: Reals) -> list[dict[str, Any]]:
         for _ in range(zero.multiplicity):
             part = coefficients[at : at + width]
             at += width
-            pairs.append([text(float(part[0])), text(float(part[1])) if width == 2 else "0"])
+            pairs.append([text(part[0]), text(part[1]) if width == 2 else "0"])
         chains.append({"near": [text(zero.value.real), text(zero.value.imag)], "coefficients": pairs})
     return chains
 
@@ -112,15 +113,10 @@ def tail_unknowns(problem: Problem) -> list[list[Any]]:
 
 
 def command_witness(
-    maneuver_time: float,
-    starts: Sequence[float] | Reals,
-    levels: Sequence[Fraction | float],
-    tail: list[dict[str, Any]],
-    free: Sequence[list[Any]],
-    radius: float,
+    maneuver_time: Number, starts: Numbers, levels: Numbers, tail: list[dict[str, Any]], free: Sequence[list[Any]], radius: Number
 ) -> dict[str, Any]:
     """The upper side's witness: absolute levels on arcs, and which numbers are unknowns within `radius` of those written."""
-    segments = [{"start": text(float(s)), "level": text(level)} for s, level in zip(starts, levels, strict=True)]
+    segments = [{"start": text(s), "level": text(level)} for s, level in zip(starts, levels, strict=True)]
     return {"maneuver_time": text(maneuver_time), "segments": segments, "tail": tail, "free": list(free), "radius": text(radius)}
 
 

@@ -65,6 +65,8 @@ class Basis:
     def rows(self, s: Sequence[float] | Reals, integrals: int = 0) -> Reals:
         """b(s) (integrals = 0), its integral (1) or double integral (2) from 0, at times to go s ≥ 0 [s]: shape (n, len(s))."""
         points = np.atleast_1d(np.asarray(s, dtype=float))
+        if not self.poles:
+            return np.zeros((0, len(points)))
         return self.real(_chain(pole.value, k, integrals, points) for pole in self.poles for k in range(pole.multiplicity))
 
     def derivative(self, costate: Reals) -> Reals:
@@ -82,6 +84,8 @@ class Basis:
 
     def hold(self, level: float) -> Reals:
         """The moments at which holding `level` for ever is a rest: `level/(-p)^(k+1)`; 0 at the origin. Shape (n,)."""
+        if not self.poles:
+            return np.zeros(0)
         values = (
             np.array([0.0 if pole.is_rigid else level / (-pole.value) ** (k + 1)], dtype=complex)
             for pole in self.poles
@@ -99,7 +103,7 @@ class Basis:
                 stacked.append(row.real)
                 if pole.is_flexible:
                     stacked.append(row.imag)
-        return np.array(stacked) if stacked else np.zeros((0, 0))
+        return np.array(stacked)
 
     def weights(self, partial: Partial) -> Reals:
         """The row w with `y = w M + D u` for an output in partial fractions over the same poles. Shape (n,)."""

@@ -29,6 +29,7 @@ SETTINGS: dict[str, Any] = {
     # Pinned so that the same inputs give the same bytes; 1e-10 is what grids up to 10⁵ points still reach.
     "direct_solve_method": "qdldl",
     "max_threads": 1,
+    "warm_start": False,  # a solver that was used before would answer with other last digits
     "tol_gap_abs": 1e-10,
     "tol_gap_rel": 1e-10,
     "tol_feas": 1e-10,
@@ -126,7 +127,7 @@ def build(problem: Problem, instants: Reals, looks: Reals | None = None) -> Grid
     integrated = problem.rows(instants[-1] - instants, 1)
     table = integrated[:, :-1] - integrated[:, 1:]
     orthonormal, change = np.linalg.qr(table.T)
-    if np.any(np.abs(np.diag(change)) <= cells * np.finfo(float).eps * np.linalg.norm(change, axis=0)):
+    if cells < len(table) or np.any(np.abs(np.diag(change)) <= cells * np.finfo(float).eps * np.linalg.norm(change, axis=0)):
         raise SolverError(f"the moment equations are dependent on {cells} intervals over {float(instants[-1])!r} s")
     target, columns = np.linalg.solve(change.T, problem.target), np.linalg.solve(change.T, problem.tail.columns)
     at = problem.tail.looks() if looks is None else looks

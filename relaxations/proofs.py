@@ -1,9 +1,14 @@
-"""From a bracket in floating point to a theorem: certificates are proposed here, and count only when the checker accepts them."""
+"""From a bracket in floating point to a theorem: certificates are proposed here, and count only when the checker accepts them.
+
+    bracket ──► extremal, 45 digits ──► certificate of both sides        where the optimum is regular
+            ──► linear repair ──► certificate of the upper side          always
+            ──► costate of the grid ──► certificate of the lower side    always
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -14,23 +19,32 @@ from scipy.linalg import qr
 
 from relaxations import certificates, programs
 from relaxations.bounds import Bound, Settings, Status, bracket, instants
+from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
 from relaxations.duality import lower_bound
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
+from relaxations.polishing import Polished, polish
+from relaxations.refinement import Extremal
 from relaxations.repair import Repaired, repair
 
 Reals = NDArray[np.float64]
 
-MARGINS = (4e-15, 2e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5)
-"""Relative distance of a claim from the floating-point bound: the closest one that the checker accepts is claimed."""
+MARGINS = (2e-14, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5)
+"""Relative distance of a lower claim from the floating-point bound: the closest one that the checker accepts is claimed."""
 
-RADII = (1e-10, 1e-8, 1e-12, 1e-6)
+RADII = (1e-18, 1e-14, 1e-10, 1e-8)
 """Radii of Krawczyk's test relative to the maneuver time."""
 
 BEYOND = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
+
+FINER = (1, 4, 16)
+"""Factors of the grid's density, tried in turn while the gap is too wide."""
+
+REGULAR, GOOD = 1e-12, 1e-7
+"""Gaps: what a regular optimum comes to, at which the search ends; and what ends it on the finer grids."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,27 +55,67 @@ class Side:
     witness: dict[str, Any]
 
 
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """What has been proven so far; the upper side with its command and number of switches (None: a staircase)."""
+
+    lower: Side | None = None
+    upper: Side | None = None
+    command: Command | None = None
+    switches: int | None = None
+
+    @property
+    def gap(self) -> float:
+        """Relative width; infinite if a side is missing."""
+        if self.lower is None or self.upper is None:
+            return np.inf
+        if self.lower.claim == self.upper.claim:
+            return 0.0
+        return float(self.upper.claim / self.lower.claim - 1) if self.lower.claim else np.inf
+
+    def better(self, other: Proof) -> Proof:
+        """The better side of each."""
+        lower = max((side for side in (self.lower, other.lower) if side), key=lambda side: side.claim, default=None)
+        first = other.upper is None or (self.upper is not None and self.upper.claim <= other.upper.claim)
+        above = self if first else other
+        return Proof(lower, above.upper, above.command, above.switches)
+
+
 def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
     """Bracket the least maneuver time and prove both sides where that is possible.
 
     The result is `PROVED` if the checker has accepted a certificate for both sides, `IMPOSSIBLE` if it has accepted one that no time
     suffices, else `BRACKETED` with the reason; a certificate then holds the side that was proven, if any. Raises `SolverError`.
     """
-    begun = time.perf_counter()
+    begun, chosen = time.perf_counter(), settings or Settings()
     task = certificates.task(problem)
     for form in ("face", "remainder"):
         content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, None, None)
         if check(content).outcome is Outcome.PROVED:
-            return Bound(Status.IMPOSSIBLE, 0.0, None, np.zeros(problem.size), None, None, None, 0, time.perf_counter() - begun, certificate=content)
-    found = bracket(problem, settings)
-    upper, command, switches, above = _upper(problem, task, found, settings or Settings())
-    lower = _lower(problem, task, found, above)
-    content = None
-    if lower or upper:
-        claim = {"lower": lower and certificates.text(lower.claim), "upper": upper and certificates.text(upper.claim), "impossible": None}
-        content = certificates.certificate(task, claim, lower and lower.witness, upper and upper.witness)
-        if check(content).outcome is not Outcome.PROVED:  # cannot be: both sides were accepted alone
-            content, lower, upper = None, None, None
+            nothing = np.zeros(problem.size)
+            return Bound(Status.IMPOSSIBLE, 0.0, None, nothing, None, None, None, 0, time.perf_counter() - begun, certificate=content)
+    proof, found, count, trouble = Proof(), None, 0, None
+    for factor in FINER:
+        try:
+            looked = bracket(problem, chosen.finer(factor), found.upper if found else None)
+        except SolverError as problem_met:
+            trouble = problem_met
+            continue
+        count += looked.programs
+        found = looked if found is None or (found.switches is None and looked.switches is not None) else found
+        proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
+        if proof.gap <= REGULAR or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
+            break
+    if found is None:
+        assert trouble is not None
+        raise trouble
+    return _concluded(task, proof, replace(found, programs=count), time.perf_counter() - begun)
+
+
+def _concluded(task: dict[str, Any], proof: Proof, found: Bound, seconds: float) -> Bound:
+    """The bracket with what was proven of it."""
+    lower, upper = proof.lower, proof.upper
+    content = certificates.certificate(*_claimed(task, lower, upper)) if lower or upper else None
     missing = [name for name, side in (("lower", lower), ("upper", upper)) if side is None]
     reason = None if not missing else f"not proven: the {' and the '.join(missing)} side" + (f"; {found.reason}" if found.reason else "")
     return replace(
@@ -69,10 +123,10 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
         status=Status.BRACKETED if missing else Status.PROVED,
         lower=_rounded(lower.claim, -np.inf) if lower else found.lower,
         upper=_rounded(upper.claim, np.inf) if upper else found.upper,
-        command=command,
-        switches=switches,
+        command=proof.command if upper else found.command,
+        switches=proof.switches if upper else found.switches,
         reason=reason,
-        seconds=time.perf_counter() - begun,
+        seconds=seconds,
         certificate=content,
     )
 
@@ -84,110 +138,142 @@ def _rounded(exact: Fraction, towards: float) -> float:
     return float(np.nextafter(nearest, towards)) if unsafe else nearest
 
 
-def _accepted(task: dict[str, Any], lower: Side | None = None, upper: Side | None = None) -> bool:
+def _claimed(task: dict[str, Any], lower: Side | None, upper: Side | None) -> tuple[dict[str, Any], dict[str, Any], Any, Any]:
     claim = {"lower": lower and certificates.text(lower.claim), "upper": upper and certificates.text(upper.claim), "impossible": None}
-    return check(certificates.certificate(task, claim, lower and lower.witness, upper and upper.witness)).outcome is Outcome.PROVED
+    return task, claim, lower and lower.witness, upper and upper.witness
 
 
-def _lower(problem: Problem, task: dict[str, Any], found: Bound, above: programs.GridSolution | None) -> Side | None:
-    """The best lower side: the refined costate, else those of the grid."""
-    best: Side | None = None
-    duals = [(found.costate, found.multipliers, found.price)]
-    if above is not None and found.switches is None:
-        duals.append((above.costate, above.tail_multipliers, above.price(problem)))
-    if found.upper == 0.0:
-        return Side(Fraction(0), certificates.costate_witness(problem, found.costate))
-    for costate, multipliers, price in duals:
-        near = found.upper if found.upper is not None else found.lower
-        value = lower_bound(problem, costate, near, price)
-        if value <= 0.0:
-            continue
-        witness = certificates.costate_witness(problem, costate, multipliers)
-        for margin in MARGINS:
-            side = Side(Fraction(value * (1.0 - margin)), witness)
-            if best is not None and side.claim <= best.claim:
-                break
-            if _accepted(task, lower=side):
-                best = side
-                break
-    return best
+def _accepted(task: dict[str, Any], lower: Side | None = None, upper: Side | None = None) -> bool:
+    return check(certificates.certificate(*_claimed(task, lower, upper))).outcome is Outcome.PROVED
 
 
-def _upper(
-    problem: Problem, task: dict[str, Any], found: Bound, settings: Settings
-) -> tuple[Side | None, Command | None, int | None, programs.GridSolution | None]:
-    """The upper side: the refined command, else a repaired staircase; with the command, its switches, and the program it came from."""
-    if found.command is None or found.upper is None:
-        return None, found.command, found.switches, None
-    if found.switches is not None:
-        side = _refined(problem, task, found)
-        if side is not None:
-            return side, replace(found.command, maneuver_time=_rounded(side.claim, np.inf)), found.switches, None
+def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Settings) -> Proof:
+    """Both sides of one bracket: of the extremal if there is one, else of the grid."""
+    if found.upper == 0.0 and found.command is not None:
+        return _instant(problem, task, found)
+    proof = Proof()
+    if isinstance(found.dual, Extremal):
+        polished = polish(problem, found.dual)
+        if polished is not None:
+            proof = _regular(problem, task, found.dual, polished)
+        if proof.upper is None:
+            upper = _refined(problem, task, found.dual, found)
+            proof = Proof(proof.lower, upper, found.command if upper else None, found.switches if upper else None)
+    above: programs.GridSolution | None = None
+    if proof.upper is None and found.upper is not None:
+        repaired, above = _repaired(problem, task, found.upper, settings)
+        proof = proof.better(repaired)
+    if proof.lower is None:
+        for dual in (found.dual, above):
+            if dual is not None:
+                proof = proof.better(Proof(_lower(problem, task, dual, found.upper or dual.maneuver_time)))
+    return proof
+
+
+def _lower(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution, near: float) -> Side | None:
+    """The lower side of a costate in doubles: the closest claim that is accepted."""
+    value = lower_bound(problem, dual.costate, near, dual.price(problem))
+    witness = certificates.costate_witness(problem, dual.costate, dual.tail_multipliers)
+    for margin in MARGINS if value > 0.0 else ():
+        side = Side(Fraction(value * (1.0 - margin)), witness)
+        if _accepted(task, lower=side):
+            return side
+    return None
+
+
+def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polished: Polished) -> Proof:
+    """Both sides of a regular optimum, claimed a double below and a double above the duration."""
+    middle = float(polished.maneuver_time)
+    witness = certificates.costate_witness(problem, polished.costate, polished.multipliers)
+    lower: Side | None = Side(Fraction(float(np.nextafter(middle, 0.0))), witness)
+    above = Fraction(float(np.nextafter(middle, np.inf)))
+    for upper in _witnesses(problem, extremal, polished.maneuver_time, polished.starts, polished.tail):
+        side = Side(above, upper)
+        if _accepted(task, lower, side):
+            return Proof(lower, side, _bang_bang(problem, extremal, polished, above), len(polished.starts) - 1)
+    return Proof(lower if lower and _accepted(task, lower=lower) else None)
+
+
+def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: Bound) -> Side | None:
+    """The upper side of an extremal in doubles."""
+    assert found.command is not None
+    starts = np.array([segment.start for segment in found.command.segments])
+    for witness in _witnesses(problem, extremal, extremal.maneuver_time, starts, found.tail):
+        for margin in (1e-14, 1e-13, 1e-12):
+            side = Side(Fraction(extremal.maneuver_time * (1.0 + margin)), witness)
+            if _accepted(task, upper=side):
+                return side
+    return None
+
+
+def _witnesses(problem: Problem, extremal: Extremal, duration: Number, starts: Numbers, tail: Numbers) -> Iterator[dict[str, Any]]:
+    """Witnesses of a bang-bang command, one for each radius: as many unknowns as equations, the best conditioned ones.
+
+    At an extremal the switches alone are singular, so the duration is one of them, or a tail coefficient where the tail touches a limit.
+    """
+    count, size = len(starts), problem.size
+    if count + problem.tail.size < size:
+        return  # a degenerate optimum: fewer unknowns than equations
+    names: list[list[Any]] = [["time", 0, 0], *(["start", i, 0] for i in range(1, count)), *certificates.tail_unknowns(problem)]
+    levels = _limits(problem, extremal)
+    jumps = np.diff([float(level - problem.maneuver.rest) for level in levels], prepend=0.0)
+    to_go = np.array([float(duration) - float(start) for start in starts])
+    slopes = float(duration) * problem.rows(to_go) * jumps
+    largest = max((abs(float(c)) for c in tail), default=0.0) or 1.0
+    columns = np.hstack([slopes.sum(axis=1, keepdims=True), slopes[:, 1:], -problem.tail.columns * largest])
+    columns /= np.abs(columns).max(axis=1)[:, None]
+    free = [names[i] for i in np.sort(qr(columns, pivoting=True, mode="r")[1][:size])]
+    for radius in RADII if isinstance(duration, Fraction) else RADII[2:]:
+        chains = certificates.tail_chains(problem, tail)
+        yield certificates.command_witness(duration, starts, levels, chains, free, radius * float(duration))
+
+
+def _limits(problem: Problem, extremal: Extremal) -> list[Fraction]:
+    """The exact absolute levels of an extremal's arcs, in order of time."""
+    limits = problem.maneuver.limits
+    return [limits.upper if level == problem.upper else limits.lower for level in extremal.levels(problem)[::-1]]
+
+
+def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: Fraction) -> Command:
+    segments = tuple(Segment(float(s), float(v)) for s, v in zip(polished.starts, _limits(problem, extremal), strict=True))
+    terms = problem.tail.terms(np.array([float(c) for c in polished.tail]))
+    return Command(float(upper), segments, Tail(problem.absolute(problem.hold), terms))
+
+
+def _repaired(
+    problem: Problem, task: dict[str, Any], near: float, settings: Settings
+) -> tuple[Proof, programs.GridSolution | None]:
+    """The upper side by linear repair, a little beyond the minimum time; with the program it came from."""
+    solution: programs.GridSolution | None = None
     for beyond in BEYOND:
-        horizon = found.upper * (1.0 + beyond)
         try:
-            solution = programs.solve(programs.build(problem, instants(problem, horizon, settings)))
+            solution = programs.solve(programs.build(problem, instants(problem, near * (1.0 + beyond), settings)))
         except SolverError:
             continue
-        if not solution.reaches:
-            continue
-        for fixed in _repaired(problem, solution):
+        for snap in (1e-7, 0.0) if solution.reaches else ():
+            fixed = repair(problem, solution, snap)
+            if fixed is None:
+                continue
             names = certificates.tail_unknowns(problem)
             free = [*(["level", i, 0] for i in fixed.free_levels), *(names[i] for i in fixed.free_tail)]
             tail = certificates.tail_chains(problem, fixed.tail)
             witness = certificates.command_witness(fixed.maneuver_time, fixed.starts, fixed.levels, tail, free, fixed.radius)
             side = Side(Fraction(fixed.maneuver_time), witness)
             if _accepted(task, upper=side):
-                return side, _staircase(problem, fixed), None, solution
-    return None, found.command, found.switches, None
+                return Proof(None, side, _staircase(problem, fixed)), solution
+    return Proof(), solution
 
 
-def _repaired(problem: Problem, solution: programs.GridSolution) -> Iterator[Repaired]:
-    for snap in (1e-7, 0.0):
-        fixed = repair(problem, solution, snap)
-        if fixed is not None:
-            yield fixed
-
-
-def _refined(problem: Problem, task: dict[str, Any], found: Bound) -> Side | None:
-    """Exact switch times: the duration and as many switches as there are further equations are unknowns."""
-    command = found.command
-    assert command is not None and found.upper is not None
-    count, starts = problem.size, np.array([s.start for s in command.segments])
-    if command.maneuver_time == 0.0:
-        return _instant(problem, task, found)
-    if len(starts) + problem.tail.size < count:
-        return None  # a degenerate optimum: fewer unknowns than equations
-    lower, upper = problem.maneuver.limits.lower, problem.maneuver.limits.upper
-    levels = [upper if s.level > float(lower + upper) / 2 else lower for s in command.segments]
-    # As many unknowns as equations, the best conditioned ones; at an extremal the switches alone are singular, so the duration is one of
-    # them, or a tail coefficient where the tail touches a limit.
-    names: list[list[Any]] = [["time", 0, 0], *(["start", i, 0] for i in range(1, len(starts))), *certificates.tail_unknowns(problem)]
-    jumps = np.diff([float(level - problem.maneuver.rest) for level in levels], prepend=0.0)
-    slopes = found.upper * problem.rows(found.upper - starts) * jumps
-    columns = np.hstack([slopes.sum(axis=1, keepdims=True), slopes[:, 1:], -problem.tail.columns * (float(np.abs(found.tail).max(initial=0.0)) or 1.0)])
-    columns /= np.abs(columns).max(axis=1)[:, None]
-    free = [names[i] for i in np.sort(qr(columns, pivoting=True, mode="r")[1][:count])]
+def _instant(problem: Problem, task: dict[str, Any], found: Bound) -> Proof:
+    """T* = 0: a tail alone, from the first instant on; that no time is less than 0 needs no costate."""
     tail = certificates.tail_chains(problem, found.tail)
-    for radius in RADII:
-        witness = certificates.command_witness(found.upper, starts, levels, tail, free, radius * found.upper)
-        for margin in MARGINS[:5]:
-            side = Side(Fraction(found.upper * (1.0 + margin)), witness)
-            if _accepted(task, upper=side):
-                return side
-    return None
-
-
-def _instant(problem: Problem, task: dict[str, Any], found: Bound) -> Side | None:
-    """T* = 0: a tail alone, from the first instant on."""
-    tail = certificates.tail_chains(problem, found.tail)
-    size = float(np.abs(found.tail).max())
-    for radius in RADII:
-        witness = certificates.command_witness(0.0, [], [], tail, certificates.tail_unknowns(problem), radius * size)
-        side = Side(Fraction(0), witness)
-        if _accepted(task, upper=side):
-            return side
-    return None
+    size = float(np.abs(found.tail).max(initial=0.0)) or 1.0
+    lower = Side(Fraction(0), certificates.costate_witness(problem, found.costate))
+    for radius in RADII[2:]:
+        side = Side(Fraction(0), certificates.command_witness(0.0, [], [], tail, certificates.tail_unknowns(problem), radius * size))
+        if _accepted(task, lower, side):
+            return Proof(lower, side, found.command, 0)
+    return Proof(lower)
 
 
 def _staircase(problem: Problem, fixed: Repaired) -> Command:

@@ -20,6 +20,7 @@ from relaxations.maneuvers import Problem
 Reals = NDArray[np.float64]
 
 ITERATIONS = 40
+MOST_SWITCHES = 1500  # the dense system for them still fits the memory, and takes seconds
 ROUNDING = 1e-11  # relative residual of the moments below which Newton may stop, as soon as it gains nothing more
 
 
@@ -112,6 +113,8 @@ def refine(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSta
     switches = costate_roots(problem, costate, maneuver_time)
     final = float(costate @ problem.rows([switches[0] / 2 if len(switches) else maneuver_time / 2])[:, 0])
     last = problem.upper if final > 0 else problem.lower
+    if len(switches) > MOST_SWITCHES:
+        return Failure(f"{len(switches)} switches are more than Newton's method is tried for ({MOST_SWITCHES})")
     state = _State(problem, _levels(problem, last, len(switches)), tail.contacts)
     x = np.concatenate([switches, [maneuver_time], costate, tail.coefficients, [c.multiplier for c in tail.contacts]])
     count, best = len(switches), np.inf

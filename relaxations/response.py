@@ -43,6 +43,8 @@ def response(
     basis, partial = Basis(plant.poles), plant.partial(output)
     weights = basis.weights(partial)
     y = partial.feedthrough * (command(t, rest) - rest)
+    if not plant.order:
+        return y
     for instant, level, slope in jumps(command, rest):
         after = t > instant
         since = t[after] - instant

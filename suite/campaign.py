@@ -8,7 +8,7 @@ import json
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError, ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -167,6 +167,8 @@ def carry_out(
         return local.worker
 
     def one(sample: Sample) -> RunResult:
+        if stopping.is_set():
+            raise CancelledError
         setting = settle(study, sample, subject.command, bracket)
         identity = run_id(study, subject, setting)
         with lock:
@@ -193,8 +195,9 @@ def carry_out(
                 stopping.set()
                 for future in futures:
                     future.cancel()
-                for each in workers:  # an FMU that hangs would hold us until its time is up
-                    each.close()
+                while wait(futures, 0.1).not_done:  # an FMU that hangs would hold us until its time is up
+                    for each in workers:
+                        each.close()
                 raise
     finally:
         for each in workers:

@@ -128,6 +128,8 @@ def review(path: Path, as_json: bool) -> None:
     done = run(path)
     if as_json:
         _print_json(done.to_dict())
+        for finding in done.findings:
+            click.echo(finding, err=True)
     else:
         console.show_review(done)
     sys.exit({ReviewStatus.CONFIRMED: 0, ReviewStatus.INCOMPLETE: INCONCLUSIVE}.get(done.status, FAILED))

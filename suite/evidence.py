@@ -161,9 +161,13 @@ def write(folder: Path, results: Mapping[str, Any], study: Study, design: Design
     if kept:
         layout = layouts.layout_bytes(logs.read_log(next(iter(kept.values()))).signals)
         files.write_atomically(folder / "runs" / LAYOUT, layout)
-    extra = {"slewcert": results["version"], "seed": study.simulation.seed, "environment": environment(), "fmu_sha256": fmu.archive.sha256}
-    manifest.write_manifest(folder, extra)
+    manifest.write_manifest(folder, settings(results, study.simulation.seed))
     return folder / REPORT
+
+
+def settings(results: Mapping[str, Any], seed: int) -> dict[str, object]:
+    """What the manifest tells beside the files: versions, seed, hash of the FMU."""
+    return {"slewcert": results["version"], "seed": seed, "environment": results["environment"], "fmu_sha256": results["plant"]["sha256"]}
 
 
 def draw(results: Mapping[str, Any], design: Design, requirements: Sequence[Requirement], kept: Mapping[str, Path]) -> dict[str, str]:

@@ -57,11 +57,11 @@ class Ledger:
 
     def add(self, run_id: str, name: str, verdict: str, result: Mapping[str, object]) -> None:
         """Record a finished run (again, if need be)."""
-        self._write("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?)", run_id, name, verdict, json.dumps(result, sort_keys=True))
+        self._write("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?)", run_id, name, verdict, json.dumps(result))
 
     def amend(self, name: str, result: Mapping[str, object]) -> None:
         """Replace the result of the run called `name`."""
-        self._write("UPDATE runs SET result = ? WHERE name = ?", json.dumps(result, sort_keys=True), name)
+        self._write("UPDATE runs SET result = ? WHERE name = ?", json.dumps(result), name)
 
     def _write(self, statement: str, *values: str) -> None:
         with self._usable():

@@ -19,11 +19,11 @@ from reports.errors import LogError, ManifestError, RecordError
 from reports.records import RunLog
 from suite.campaign import RUNS, run_verdict
 from suite.errors import SuiteError
-from suite.evidence import RESULTS, number
+from suite.evidence import RESULTS, number, settings
 from suite.observations import COMMAND_FILE, measured_in, observe, requirements_in
 from suite.quantities import evaluate
 from suite.quantity_names import Quantity, parse_quantity
-from suite.study import GRID, Requirement, Uncertainty
+from suite.study import GRID, Requirement, Simulation, Uncertainty
 from suite.study_file import parse
 from suite.verdicts import Judgement, Measured, RunVerdict, Verdict, judge, overall
 
@@ -79,8 +79,7 @@ class Review:
     def to_dict(self) -> dict[str, object]:
         """The object of `review --json` (docs/schemas.md)."""
         files = [{"path": path, "status": status} for path, status in self.files]
-        rows = [row.to_dict() for row in self.rows]
-        return {"status": str(self.status), "requirements": rows, "files": files, "findings": list(self.findings)}
+        return {"status": str(self.status), "requirements": [row.to_dict() for row in self.rows], "files": files}
 
 
 def agree(recorded: float, recomputed: float) -> bool:
@@ -157,6 +156,8 @@ def _review_folder(folder: Path) -> Review:
     tampered = [f"{path} is {status}" for path, status in listed if status != "ok"]
     try:
         rows, findings, incomplete = _review_results(folder, results)
+        if not _is_as_written(folder, results):
+            tampered.append(f"{manifest.NAME} is changed")
     except (*MALFORMED, OSError) as problem:
         return Review(ReviewStatus.TAMPERED, (), listed, (*tampered, f"{RESULTS} or a log is malformed: {problem!r}"))
     if tampered:
@@ -166,6 +167,15 @@ def _review_folder(folder: Path) -> Review:
     else:
         status = ReviewStatus.INCOMPLETE if incomplete else ReviewStatus.CONFIRMED
     return Review(status, rows, listed, (*tampered, *findings, *incomplete))
+
+
+def _is_as_written(folder: Path, results: Mapping[str, Any]) -> bool:
+    """Whether the manifest, which no manifest lists, says of settings and versions what the results say, byte by byte."""
+    found = manifest.read_manifest(folder)
+    study = parse(folder / STUDY, (folder / STUDY).read_bytes())
+    expected = settings(results, study.get("simulation", {}).get("seed", Simulation().seed))
+    told = {name: value for name, value in found.items() if name not in ("format", "files")}
+    return told == expected and (folder / manifest.NAME).read_bytes() == files.json_bytes(found)
 
 
 def _review_results(folder: Path, results: Mapping[str, Any]) -> tuple[tuple[Row, ...], list[str], list[str]]:

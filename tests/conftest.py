@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -10,6 +11,20 @@ from hypothesis import settings
 # The machine's load must not decide a test, and neither may a coin: every run tries the same examples.
 settings.register_profile("slewcert", deadline=None, derandomize=True, database=None)
 settings.load_profile("slewcert")
+
+
+@pytest.fixture(scope="session")
+def verified(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The evidence folder of the shipped study that passes, made once for each process; copy it before you change anything."""
+    from small_studies import SHIPPED  # here, because not every test needs what this imports
+
+    from suite.study import load_study
+    from suite.verification import verify
+
+    folder = tmp_path_factory.mktemp("verified") / "evidence"
+    verify(load_study(SHIPPED / "two_mass.toml"), folder, jobs=2)
+    return folder
+
 
 GROUPS = ("slow", "foreign", "benchmark")
 _left_out: Counter[str] = Counter()

@@ -76,7 +76,7 @@ def transfer(numerator: list[Exact], denominator: list[Exact]) -> Callable[[], L
 OSCILLATOR = transfer([1], [1, 0, 1])
 
 FACTS = (
-    Known("two_mass_1", two_mass, 1, 4.2178665105, PATENT, switches=(1.0026784304, 2.1089332553, 3.2151880801)),
+    Known("two_mass_1", two_mass, 1, 4.2178665105, PATENT, switches=(1.0026784304, 2.1089332552, 3.2151880801)),
     Known("two_mass_5", two_mass, 5, 6.6627284203, PATENT, switches=(2.5904230854, 3.3313642102, 4.0723053349)),
     Known(
         "two_mass_robust",
@@ -87,6 +87,7 @@ FACTS = (
         robustness=1,
         switches=(0.7123986326, 1.6563451326, 2.9329792195, 4.2096133064, 5.1535598064),
     ),
+    # 6.51077680015111: the same with 400 bits, two switches and T.
     Known("chain_3", partial(chain, 3), 1, 6.5107768002, PATENT),
     Known("chain_4", partial(chain, 4), 2, 9.5933833916, PATENT),
     Known("chain_6", partial(chain, 6), 3, 14.7227905482, PATENT),

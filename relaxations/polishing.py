@@ -1,0 +1,221 @@
+"""Newton's method on an extremal once more, in arithmetic of many digits: for long chains of modes double precision ends (condition 10⁶ at
+40 poles), and a command written with 40 digits makes both sides of a bracket agree to the last bit of a double.
+
+The same square system as in `relaxations.refinement`; python-flint's balls serve as long floats here, nothing is proven.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import comb, factorial
+
+from flint import acb, arb, arb_mat, fmpq
+
+from relaxations.maneuvers import Problem
+from relaxations.plants import Pole, precision
+from relaxations.refinement import Extremal
+
+BITS = 192
+ITERATIONS = 12
+DIGITS = 45  # of the numbers handed on
+INSIDE = Fraction(1, 10**30)  # of its room: how far a tail that touches a limit is kept inside it
+
+
+@dataclass(frozen=True, slots=True)
+class Polished:
+    """An extremal in exact decimals of many digits: duration T [s], starts [s], costate rows, tail coefficients and contact multipliers."""
+
+    maneuver_time: Fraction
+    starts: tuple[Fraction, ...]
+    costate: tuple[Fraction, ...]
+    tail: tuple[Fraction, ...]
+    multipliers: tuple[tuple[float, Fraction, Fraction], ...]  # (instant after the move [s], μ⁺, μ⁻)
+
+
+@dataclass(frozen=True, slots=True)
+class _Exact:
+    """The problem with its roots to full precision: rows as in `relaxations.moments.Basis`."""
+
+    roots: tuple[tuple[acb, int, bool], ...]
+    target: list[arb]
+    zeros: tuple[tuple[acb, int, bool], ...]
+    columns: list[list[arb]]  # columns[j][row]
+
+    def rows(self, s: arb, integrated: bool) -> list[arb]:
+        """b(s), or its integral from 0, as real rows."""
+        out: list[arb] = []
+        for root, multiplicity, flexible in self.roots:
+            below = acb(1)
+            growth = (root * s).exp()
+            for k in range(multiplicity):
+                value = growth * s**k / factorial(k)
+                if integrated:
+                    below = acb(s ** (k + 1) / factorial(k + 1)) if root.is_zero() else (value - below) / root
+                    value = below
+                out += [value.real, value.imag] if flexible else [value.real]
+        return out
+
+    def derivative(self, costate: Sequence[arb]) -> list[arb]:
+        """The costate of `d/ds λᵀb`."""
+        out, at = [], 0
+        for root, multiplicity, flexible in self.roots:
+            width = 2 if flexible else 1
+            chain = [acb(costate[at + width * k], -costate[at + width * k + 1] if flexible else 0) for k in range(multiplicity)]
+            at += width * multiplicity
+            for k in range(multiplicity):
+                changed = chain[k] * root + (chain[k + 1] if k + 1 < multiplicity else 0)
+                out += [changed.real, -changed.imag] if flexible else [changed.real]
+        return out
+
+    def shape(self, since: float) -> list[arb]:
+        """The tail at `since` [s] for each unit coefficient."""
+        out, r = [], arb(since)
+        for zero, multiplicity, flexible in self.zeros:
+            for power in range(multiplicity):
+                value = (zero * r).exp() * r**power / factorial(power)
+                out += [value.real, -value.imag] if flexible else [value.real]
+        return out
+
+
+def _q(value: Fraction) -> fmpq:
+    return fmpq(value.numerator, value.denominator)
+
+
+def _roots(wanted: Sequence[Pole], polynomials: Sequence) -> tuple[tuple[acb, int, bool], ...]:
+    found = [ball for polynomial in polynomials if polynomial.degree() > 0 for ball, _ in polynomial.complex_roots()]
+    chosen = []
+    for pole in wanted:
+        near = min(found, key=lambda ball: abs(complex(float(ball.real.mid()), float(ball.imag.mid())) - pole.value))
+        chosen.append((acb(near.real.mid(), near.imag.mid()), pole.multiplicity, pole.is_flexible))
+    return tuple(chosen)
+
+
+def _exact(problem: Problem) -> _Exact:
+    (plant,) = problem.plants
+    maneuver = problem.maneuver
+    roots = _roots(problem.sets[0].basis.poles, [plant.denominator])
+    zeros = _roots(problem.tail.zeros, [plant.numerators[plant.output]])
+    hold = _q(plant.rest_input(maneuver.displacement))
+    target: list[arb] = []
+    for root, multiplicity, flexible in roots:
+        for k in range(multiplicity):
+            if root.is_zero():
+                lowest, static = plant.denominator.coeffs()[multiplicity], plant.numerators[plant.output](fmpq(0))
+                value = acb(_q(maneuver.displacement) * lowest / static) if k == multiplicity - 1 else acb(0)
+            else:
+                value = acb(hold) / (-root) ** (k + 1)
+            target += [value.real, value.imag] if flexible else [value.real]
+    columns = []
+    for zero, powers, pair in zeros:
+        for power in range(powers):
+            for unit in (acb(1), acb(0, 1)) if pair else (acb(1),):
+                column: list[arb] = []
+                for root, multiplicity, flexible in roots:
+                    for k in range(multiplicity):
+                        factor = comb(k + power, power) * (-1) ** power
+                        one, other = (factor / (z - root) ** (k + power + 1) for z in (zero, zero.conjugate()))
+                        value = (unit * one + unit.conjugate() * other) / 2
+                        column += [value.real, value.imag] if flexible else [value.real]
+                columns.append(column)
+    return _Exact(roots, target, zeros, columns)
+
+
+def polish(problem: Problem, extremal: Extremal, bits: int = BITS) -> Polished | None:
+    """The extremal to some 45 digits, or None if Newton's method leaves it (degenerate optima have no square system)."""
+    if len(problem.plants) != 1:
+        return None
+    with precision(bits):
+        try:
+            return _polish(problem, extremal, _exact(problem), bits)
+        except ZeroDivisionError:
+            return None
+
+
+def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> Polished | None:
+    contacts = extremal.tail.contacts
+    m, size, n, a = len(extremal.switches_to_go), problem.size, problem.tail.size, len(contacts)
+    if m + 1 + n < size + a:
+        return None
+    levels = [arb(_q(_level(problem, level))) for level in extremal.levels(problem)]
+    x = [*extremal.switches_to_go, extremal.maneuver_time, *extremal.costate, *extremal.tail.coefficients, *(c.multiplier for c in contacts)]
+    x = [arb(float(value)) for value in x]
+    shapes = [[c.side * value for value in exact.shape(c.time)] for c in contacts]
+    room = [arb(_q(_exact_room(problem, c.time, c.side))) for c in contacts]
+    width, lam, tail, mu = m + 1 + size + n + a, m + 1, m + 1 + size, m + 1 + size + n
+    distance = None
+    for _ in range(ITERATIONS):
+        s, time, costate, c, prices = x[:m], x[m], x[lam:tail], x[tail:mu], x[mu:]
+        matrix = [[arb(0)] * width for _ in range(width)]
+        values = [arb(0)] * width
+        table = [exact.rows(at, True) for at in (*s, time)]
+        at_roots, end = [exact.rows(at, False) for at in s], exact.rows(time, False)
+        slope = exact.derivative(costate)
+        for row in range(size):
+            total, before = -exact.target[row], arb(0)
+            for i in range(m + 1):
+                total += levels[i] * (table[i][row] - before)
+                before = table[i][row]
+            values[row] = total - sum((exact.columns[j][row] * c[j] for j in range(n)), arb(0))
+            for i in range(m):
+                matrix[row][i] = at_roots[i][row] * (levels[i] - levels[i + 1])
+                matrix[size + i][lam + row] = at_roots[i][row]
+            matrix[row][m] = levels[m] * end[row]
+            for j in range(n):
+                matrix[row][tail + j] = -exact.columns[j][row]
+                matrix[size + m + j][lam + row] = exact.columns[j][row]
+            matrix[size + m + n][lam + row] = exact.target[row]
+        for i in range(m):
+            values[size + i] = sum((p * q for p, q in zip(costate, at_roots[i], strict=True)), arb(0))
+            matrix[size + i][i] = sum((p * q for p, q in zip(slope, at_roots[i], strict=True)), arb(0))
+        for j in range(n):
+            pulled = sum((p * q for p, q in zip(costate, exact.columns[j], strict=True)), arb(0))
+            values[size + m + j] = pulled + sum((prices[k] * shapes[k][j] for k in range(a)), arb(0))
+            for k in range(a):
+                matrix[size + m + j][mu + k] = shapes[k][j]
+        scaled = sum((p * q for p, q in zip(costate, exact.target, strict=True)), arb(0))
+        values[size + m + n] = scaled - sum((p * r for p, r in zip(prices, room, strict=True)), arb(0)) - 1
+        for k in range(a):
+            matrix[size + m + n][mu + k] = -room[k]
+            inside = room[k] * (1 - arb(_q(INSIDE)))
+            values[size + m + n + 1 + k] = sum((shapes[k][j] * c[j] for j in range(n)), arb(0)) - inside
+            for j in range(n):
+                matrix[size + m + n + 1 + k][tail + j] = shapes[k][j]
+        step = arb_mat([[v.mid() for v in row] for row in matrix]).solve(arb_mat([[v.mid()] for v in values]))
+        x = [(value - step[i, 0]).mid() for i, value in enumerate(x)]
+        moved = max(float(abs(step[i, 0]).mid()) for i in range(m + 1)) / float(x[m].mid())
+        if not moved < 1.0 or (distance is not None and distance < 1e-3 and moved > distance):
+            return None
+        if moved < 2.0 ** (-bits // 2):
+            break
+        distance = moved
+    else:
+        return None
+    numbers = [_decimal(value) for value in x]
+    time = numbers[m]
+    starts = (Fraction(0), *(time - value for value in reversed(numbers[:m])))
+    if any(after <= before for before, after in zip(starts, (*starts[1:], time), strict=True)):
+        return None
+    prices = [max(value, Fraction(0)) for value in numbers[mu:]]
+    pairs = tuple((c.time, p, Fraction(0)) if c.side > 0 else (c.time, Fraction(0), p) for c, p in zip(contacts, prices, strict=True))
+    return Polished(time, starts, tuple(numbers[lam:tail]), tuple(numbers[tail:mu]), pairs)
+
+
+def _level(problem: Problem, deviation: float) -> Fraction:
+    limits, rest = problem.maneuver.limits, problem.maneuver.rest
+    return (limits.upper if deviation == problem.upper else limits.lower) - rest
+
+
+def _exact_room(problem: Problem, since: float, side: int) -> Fraction:
+    maneuver = problem.maneuver
+    final = maneuver.rest + problem.plants[0].rest_input(maneuver.displacement)
+    above, below = maneuver.limits.upper - final, final - maneuver.limits.lower
+    if maneuver.tail_length is not None and since >= float(maneuver.tail_length[0]):
+        tight = maneuver.tail_length[1] * min(above, below)
+        above, below = min(above, tight), min(below, tight)
+    return above if side > 0 else below
+
+
+def _decimal(value: arb) -> Fraction:
+    return Fraction(value.str(DIGITS, radius=False, more=True))
