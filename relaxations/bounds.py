@@ -19,6 +19,7 @@ from relaxations import programs
 from relaxations.commands import Command, Segment, Tail
 from relaxations.duality import lower_bound
 from relaxations.grids import grid
+from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.maneuvers import Problem
 from relaxations.refinement import Contact, Extremal, Failure, TailStart, refine
 
@@ -94,6 +95,7 @@ class GridMinimum:
     count: int
 
 
+STALLS = 3  # times that the solver may give no answer, in one search
 FARTHEST = 1e6  # times the plant's own time scale: a target that is out of reach until then is called so
 LARGEST_EXPONENT = 600.0  # of e^{pT} for an unstable pole p: a double ends at e^709
 NOISE = 1e-7  # of log α: what the solver leaves open
@@ -198,11 +200,25 @@ def grid_minimum(problem: Problem, settings: Settings, near: float | None = None
     horizon = near or horizon
     below: programs.GridSolution | None = None
     above: programs.GridSolution | None = None
-    count = 0
+    count, stalled, short = 0, 0, 0.0
     last: tuple[float, float] | None = None  # time and -log α before
     while count < settings.programs:
         count += 1
-        solution = programs.solve(programs.build(problem, instants(problem, horizon, settings)))
+        try:
+            solution = programs.solve(programs.build(problem, instants(problem, horizon, settings)))
+        except ShortHorizonError:
+            short = max(short, horizon)
+            horizon = math.sqrt(horizon * above.maneuver_time) if above else 1.5 * horizon
+            if count >= settings.programs or horizon >= farthest:
+                raise
+            continue
+        except SolverError:
+            # A solver that stalls at one horizon seldom does so beside it.
+            stalled += 1
+            if stalled > STALLS:
+                raise
+            horizon *= 1.001
+            continue
         fraction = solution.fraction
         if solution.reaches:
             above = solution
@@ -227,7 +243,7 @@ def grid_minimum(problem: Problem, settings: Settings, near: float | None = None
         else:
             ratio = 2.0
         following = min(horizon * ratio, farthest)
-        low = below.program.maneuver_time if below else 0.0
+        low = max(below.program.maneuver_time if below else 0.0, short)
         high = above.program.maneuver_time if above else math.inf
         if not low < following < high:
             following = math.sqrt(low * high) if low > 0.0 and math.isfinite(high) else (min(2 * low, farthest) if math.isinf(high) else high / 4)

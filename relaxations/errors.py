@@ -5,6 +5,7 @@
     ├── ManeuverError    the task has no answer, or only a degenerate one (limits without the rest input …)
     ├── CommandError     a command or command file is malformed
     └── SolverError      a numerical step failed; what was tried stands in the message
+        └── ShortHorizonError   the time is so short that the modes cannot be told apart in it
 
 "Not proved" is no error but a status of `relaxations.bounds.Bound`.
 """
@@ -28,3 +29,7 @@ class CommandError(RelaxationsError):
 
 class SolverError(RelaxationsError):
     """A numerical step failed."""
+
+
+class ShortHorizonError(SolverError):
+    """The moment equations are dependent to rounding: in so short a time the modes cannot be told apart, let alone be reached."""

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.errors import SolverError
+from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.maneuvers import Problem
 
 Reals = NDArray[np.float64]
@@ -119,7 +119,7 @@ class GridSolution:
 
 
 def build(problem: Problem, instants: Reals, looks: Reals | None = None) -> GridProgram:
-    """The program on the grid of `instants` [s], ascending from 0 to the maneuver time; raises `SolverError` if it is too coarse.
+    """The program on the grid of `instants` [s], ascending from 0 to the maneuver time; raises `ShortHorizonError` if too short a time.
 
     `looks` [s] are the instants at which the tail's limits are imposed (None: those of the problem's tail).
     """
@@ -128,7 +128,7 @@ def build(problem: Problem, instants: Reals, looks: Reals | None = None) -> Grid
     table = integrated[:, :-1] - integrated[:, 1:]
     orthonormal, change = np.linalg.qr(table.T)
     if cells < len(table) or np.any(np.abs(np.diag(change)) <= cells * np.finfo(float).eps * np.linalg.norm(change, axis=0)):
-        raise SolverError(f"the moment equations are dependent on {cells} intervals over {float(instants[-1])!r} s")
+        raise ShortHorizonError(f"the moment equations are dependent on {cells} intervals over {float(instants[-1])!r} s")
     target, columns = np.linalg.solve(change.T, problem.target), np.linalg.solve(change.T, problem.tail.columns)
     at = problem.tail.looks() if looks is None else looks
     shapes, (above, below) = problem.tail.rows(at), problem.tail.room(at)

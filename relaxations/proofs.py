@@ -40,6 +40,9 @@ RADII = (1e-18, 1e-14, 1e-10, 1e-8)
 BEYOND = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
 
+CUTS = 6
+"""Rounds of cutting planes for the tail's limits."""
+
 FINER = (1, 4, 16)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
 
@@ -247,7 +250,7 @@ def _repaired(
     solution: programs.GridSolution | None = None
     for beyond in BEYOND:
         try:
-            solution = programs.solve(programs.build(problem, instants(problem, near * (1.0 + beyond), settings)))
+            solution = _cut(problem, instants(problem, near * (1.0 + beyond), settings))
         except SolverError:
             continue
         for snap in (1e-7, 0.0) if solution.reaches else ():
@@ -262,6 +265,20 @@ def _repaired(
             if _accepted(task, upper=side):
                 return Proof(None, side, _staircase(problem, fixed)), solution
     return Proof(), solution
+
+
+def _cut(problem: Problem, grid: Reals) -> programs.GridSolution:
+    """The program's solution with the tail's limits imposed where its tail has extremes too: cutting planes, until they hold there."""
+    looks = problem.tail.looks()
+    for _ in range(CUTS):
+        solution = programs.solve(programs.build(problem, grid, looks))
+        peaks = problem.tail.peaks(solution.tail)
+        course, (above, below) = problem.tail.rows(peaks) @ solution.tail_coefficients, problem.tail.room(peaks)
+        over = (course > above) | (course < -below)
+        if not over.any():
+            break
+        looks = np.unique(np.concatenate([looks, peaks[over]]))
+    return solution
 
 
 def _instant(problem: Problem, task: dict[str, Any], found: Bound) -> Proof:

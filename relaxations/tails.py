@@ -81,6 +81,22 @@ class TailSpace:
         extra = [self.length.time] if self.length is not None else []
         return np.unique(np.concatenate([instants, extra]))
 
+    def peaks(self, coefficients: Reals) -> Reals:
+        """Instants [s] at which a tail has its local extremes: where a limit may be exceeded between the looks."""
+        looks = self.looks()
+        if len(looks) < 3 or not self.size:
+            return np.zeros(0)
+        fine = np.unique(np.concatenate([looks, np.linspace(0.0, looks[-1], 20 * LOOKS)]))
+        course = self.rows(fine) @ coefficients
+        turns = np.flatnonzero((course[1:-1] - course[:-2]) * (course[2:] - course[1:-1]) <= 0.0) + 1
+        left, middle, right = fine[turns - 1], fine[turns], fine[turns + 1]
+        y0, y1, y2 = course[turns - 1], course[turns], course[turns + 1]
+        rise, fall = (y1 - y0) / (middle - left), (y2 - y1) / (right - middle)
+        bend = (fall - rise) / (right - left)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            vertex = (left + middle) / 2 - rise / (2 * bend)
+        return np.where(np.isfinite(vertex) & (vertex > left) & (vertex < right), vertex, middle)
+
     def terms(self, coefficients: Reals) -> tuple[TailTerm, ...]:
         """The command's tail terms (whose powers have no factorial)."""
         terms, at = [], 0

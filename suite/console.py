@@ -86,6 +86,8 @@ def show_verification(done: Verification) -> None:
     console.print(f"runs: {runs['total']} in all, {runs['passed']} passed, {runs['failed']} failed, {runs['errors']} in error")
     for line in _worst_case(results):
         console.print(line, soft_wrap=True)
+    for note in results["notes"]:
+        console.print(f"note: {escape(note)}", soft_wrap=True)
     console.print(f"report: {escape(str(done.report))}", soft_wrap=True)
     console.print(f"verdict: {_coloured(done.verdict.value)}")
 

@@ -30,6 +30,7 @@ UNPROVEN = (
     "Requirements are judged by values measured on simulations of the FMU at samples of the box; between them nothing is known.",
     "The distance between the FMU and the linear plant (model_mismatch) is measured, not proven.",
 )
+NO_REQUIREMENT = "The study has no requirement: the command was run and measured, but nothing was judged."
 TRUST_BASE = (
     "the FMU's own binary and its solver, run in a process of its own",
     "the step-halving estimate of the numerical error",
@@ -92,7 +93,7 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         ],
         "unproven": list(UNPROVEN),
         "trust_base": list(TRUST_BASE),
-        "notes": [*study.notes, *design.plant.notes],
+        "notes": [*study.notes, *design.plant.notes, *([] if study.requirements else [NO_REQUIREMENT])],
         "environment": environment(),
     }
 

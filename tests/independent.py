@@ -48,7 +48,7 @@ class StateSpace:
         return result[:n, :n], result[:n, n], result[:n, n + 1]
 
     def states(self, command: Command, times: Reals, rest: float = 0.0) -> Reals:
-        """x at `times` [s] (before the end of the move) from x = 0, shape (len(times), n): one matrix exponential for each piece."""
+        """x at `times` [s] from x = 0, shape (len(times), n): one matrix exponential for each piece. The tail must not decay (use `integrate`)."""
         points = np.unique(np.concatenate([[0.0], command.breakpoints, times]))
         states = {0.0: np.zeros(len(self.B))}
         for a, b in zip(points, points[1:], strict=False):

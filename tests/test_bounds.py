@@ -92,8 +92,8 @@ def test_more_robust_takes_longer():
 
 
 def test_two_plants_take_longer_than_either():
-    task = Maneuver(exact(1), Limits.of(-1, 1))
-    plants = [two_mass(), two_mass(stiffness="1.3")]
+    task = Maneuver(exact("0.5"), Limits.of(-1, 1))
+    plants = [transfer([1], [1, 0, 1]), transfer([2], [1, 0, 2])]
     alone = [upper_of(bracket(problem([plant], task))) for plant in plants]
     found = bracket(problem(plants, task))
     assert found.lower > max(alone)
@@ -102,7 +102,7 @@ def test_two_plants_take_longer_than_either():
     assert found.command is not None
     for plant in plants:  # the one command stops both
         after = np.linspace(found.command.end, found.command.end + 10, 50)
-        np.testing.assert_allclose(response(plant, found.command, after), 1.0, atol=1e-11)
+        np.testing.assert_allclose(response(plant, found.command, after), 0.5, atol=1e-12)
 
 
 # What must not matter.
@@ -152,9 +152,10 @@ def test_random_maneuvers(seed: int):
     size = np.abs(target.basis.rows(np.linspace(0, upper, 200))).max(axis=1) * upper * (high - low)
     assert np.abs((moments(target.basis, command, command.end, posed.rest) - target.target) / size).max() < 1e-9
     space = StateSpace.of(case.plant)
-    state, hold = space.rest(float(case.displacement))
-    path = space.states(command, np.linspace(0, command.end, 50), posed.rest)
-    assert np.abs((path[-1] - state) / np.maximum(np.abs(path).max(axis=0), np.abs(state))).max() < 1e-9
+    _, hold = space.rest(float(case.displacement))
+    after = np.linspace(command.end, command.end + 30.0, 61)
+    outputs = space.output(space.states(command, after, posed.rest), command(after, posed.rest) - posed.rest)
+    np.testing.assert_allclose(outputs, float(case.displacement), rtol=1e-9)
     assert command.tail.steady == pytest.approx(hold + float(case.rest), abs=1e-12)
     # No staircase does it in less time (that would refute the lower side), and one does it in little more.
     if not case.robustness:

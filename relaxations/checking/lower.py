@@ -31,13 +31,15 @@ class Term:
         return Term(self.root, tuple(self.root.value * c + d for c, d in zip(self.coefficients, shifted, strict=True)))
 
 
-def value(terms: Sequence[Term], s: arb) -> arb:
-    """The exponential polynomial at s (a ball: all its values there)."""
-    total = arb(0)
-    for term in terms:
-        for c, b in zip(term.coefficients, impulse(term.root.value, len(term.coefficients), s), strict=True):
-            total += (c * b).real
-    return total
+def values(families: Sequence[Sequence[Term]], s: arb) -> list[arb]:
+    """Exponential polynomials over the same roots at s (a ball: all their values there), the exponentials computed once."""
+    totals = [arb(0) for _ in families]
+    for terms in zip(*families, strict=True):
+        powers = impulse(terms[0].root.value, len(terms[0].coefficients), s)
+        for i, term in enumerate(terms):
+            for c, b in zip(term.coefficients, powers, strict=True):
+                totals[i] += (c * b).real
+    return totals
 
 
 def antiderivative(terms: Sequence[Term], s: arb) -> arb:
@@ -142,7 +144,7 @@ def support(terms: Sequence[Term], horizon: arb, lower: arb, upper: arb) -> arb:
         c = ((a + b) / 2).mid()
         whole = a.union(b)
         x = whole - c
-        p0, p1, p2 = value(terms, c), value(first, c), value(second, whole)
+        (p0, p1), (p2,) = values((terms, first), c), values((second,), whole)
         slope = p1 + p2 * x
         p = p0 + p1 * x + p2 * x * x / 2
         if p > 0 or p < 0:

@@ -1,0 +1,477 @@
+"""The main job: verdicts and exit codes of whole studies, what an FMU that fails leaves behind, and what may become of a folder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from click.testing import CliRunner, Result
+from fault_plants import FAULT_TIME, FAULTS, build_fault
+from small_studies import KEEP_ALL, SHIPPED, digests, results, run_table, small_study
+
+from fmus.stepping import Experiment, Outcome
+from fmus.workers import Worker
+from reports import logs, manifest
+from suite import campaign
+from suite.cli import main
+from suite.errors import StudyError
+from suite.folders import FolderError
+from suite.review import ReviewStatus, review
+from suite.study import load_study
+from suite.verdicts import Verdict
+from suite.verification import MOST_POINTS, verify
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+# The shipped pair
+
+
+def test_the_shipped_study_passes(verified: Path) -> None:
+    found = results(verified)
+    assert found["verdict"] == "pass"
+    assert {requirement["verdict"] for requirement in found["requirements"]} == {"pass"}
+    assert found["runs"] == {"total": 11, "passed": 11, "failed": 0, "errors": 0}
+    residual = found["requirements"][0]
+    assert (residual["id"], residual["worst_run"]) == ("SLEW-001", "0001")
+    assert run_table(verified)["0001"]["parameters"] == {"stiffness": 0.7}
+    assert 0.04 < residual["value"] < 0.05
+    assert residual["margin"] == pytest.approx(0.05 - residual["value"], abs=1e-15)
+
+
+def test_its_twin_differs_in_the_robustness_alone() -> None:
+    lines = [(SHIPPED / name).read_text().splitlines() for name in ("two_mass.toml", "two_mass_fail.toml")]
+    assert [pair for pair in zip(*lines, strict=True) if pair[0] != pair[1]] == [("robustness = 1", "robustness = 0")]
+
+
+def test_its_twin_fails_and_says_what_by_how_much_and_where(tmp_path: Path) -> None:
+    done = run("verify", SHIPPED / "two_mass_fail.toml", "--out", tmp_path / "out", "--jobs", "2")
+    assert done.exit_code == 1
+    (failed,) = [entry for entry in results(tmp_path / "out")["requirements"] if entry["verdict"] != "pass"]
+    assert (failed["id"], failed["verdict"], failed["worst_run"]) == ("SLEW-001", "fail", "0001")
+    assert failed["value"] == pytest.approx(0.1394, rel=1e-3)
+    sentence = "SLEW-001: residual_vibration is 0.139429 in run 0001, 0.0894 beyond the limit 0.05"
+    assert failed["reason"] == sentence.removeprefix("SLEW-001: ")
+    assert f"FAIL  {sentence}" in done.stdout
+    assert "verdict: FAIL" in done.stdout
+    assert str(tmp_path / "out" / "report.html") in done.stdout.replace("\n", "")
+    assert results(tmp_path / "out")["runs"] == {"total": 11, "passed": 6, "failed": 5, "errors": 0}
+
+
+# The evidence folder
+
+
+def test_the_evidence_folder_is_complete(verified: Path) -> None:
+    names = [f"runs/{name}.mcap" for name in run_table(verified)]
+    expected = {*names, "runs/layout.json", "results.json", "report.html", "junit.xml", "study.toml", "ledger.sqlite", "manifest.json"}
+    expected |= {"plant/modelDescription.xml", "plant/twin.toml", "plant/hashes.json"}
+    assert set(digests(verified)) >= expected
+    assert {path for path in digests(verified) if not path.startswith("certificate")} == expected
+    assert {status.status for status in manifest.check_manifest(verified)} == {manifest.FileState.OK}
+    assert (verified / "study.toml").read_bytes() == (SHIPPED / "two_mass.toml").read_bytes()
+
+
+def test_every_log_tells_what_the_table_tells(verified: Path) -> None:
+    for name, row in run_table(verified).items():
+        assert row["log"] == f"runs/{name}.mcap"
+        assert hashlib.sha256((verified / row["log"]).read_bytes()).hexdigest() == row["sha256"]
+        log = logs.read_log(verified / row["log"])
+        assert log.verdict is not None
+        assert (log.run["run"], log.run["status"], log.verdict["verdict"]) == (name, row["status"], row["verdict"])
+        assert {"maneuver_time", "slowest_period", "step"} <= log.run.keys()
+        assert {"study.toml", "modelDescription.xml", "command.json"} <= log.attachments.keys()
+        topics = {signal.topic for signal in log.signals}
+        assert topics == {"/command/u", "/plant/input", "/plant/output", "/plant/state", "/linear/output", "/limits"}
+        recorded = json.loads(log.verdict["quantities"])
+        assert {quantity: entry["value"] for quantity, entry in row["quantities"].items()} == {
+            quantity: entry["value"] for quantity, entry in recorded.items()
+        }
+
+
+def test_the_report_needs_no_network(verified: Path) -> None:
+    page = (verified / "report.html").read_text(encoding="utf-8")
+    assert "SLEW-001" in page
+    assert page.count("<svg") >= 4
+    assert not [mark for mark in ('src="http', 'href="http', "url(http", "@import") if mark in page]
+
+
+def test_junit_has_a_case_for_each_requirement(verified: Path) -> None:
+    cases = list(ElementTree.parse(verified / "junit.xml").iter("testcase"))
+    assert [case.get("name") or "" for case in cases] == [entry["id"] for entry in results(verified)["requirements"]]
+    assert not [child for case in cases for child in case if child.tag in ("failure", "error", "skipped")]
+
+
+@pytest.mark.parametrize("fmu", ["two_mass.fmi2", "two_mass.fmi3"])
+def test_fmi_2_and_3_of_the_plant_give_the_same_results(tmp_path: Path, fmu: str, verified: Path) -> None:
+    text = (SHIPPED / "two_mass.toml").read_text().replace('fmu = "two_mass"', f'fmu = "{fmu}"')
+    file = tmp_path / "study.toml"
+    file.write_text(text)
+    verify(load_study(file), tmp_path / "out", jobs=2)
+    for name, row in run_table(verified).items():
+        for quantity, entry in row["quantities"].items():
+            again = run_table(tmp_path / "out")[name]["quantities"][quantity]["value"]
+            # The command has steps only, so both hold the same input; 1e-9 of the move is what FMU and linear plant agree to.
+            assert again == pytest.approx(entry["value"], rel=1e-9, abs=1e-9), (name, quantity)
+
+
+# An FMU that fails
+
+MESSAGES = {
+    "abort": ("crashed", "SIGABRT"),
+    "discard": ("discard", "Discard"),
+    "error": ("error", "Error"),
+    "fatal": ("fatal", "Fatal"),
+    "fixed_step": ("failed", "steps of one size only"),
+    "hang": ("hung", "no answer within"),
+    "nan": ("not_finite", "nan"),
+    "quit": ("exited", "exit code"),
+    "segfault": ("crashed", "SIGSEGV"),
+    "terminate": ("terminated", ""),
+    "warning": ("warning", "the warning that was asked for"),
+}
+
+
+def test_every_fault_is_known_here() -> None:
+    assert set(FAULTS) - set(MESSAGES) == {"flood"}, "which only prints, and finishes"
+
+
+@pytest.mark.parametrize("fault", sorted(MESSAGES))
+def test_an_fmu_that_fails_is_an_error_that_names_the_run_and_no_pass(tmp_path: Path, fault: str) -> None:
+    file = small_study(tmp_path, samples=2, fmu=str(build_fault(fault)))
+    if fault == "hang":
+        file.write_text(file.read_text().replace("timeout = 20", "timeout = 0.5"))
+    done = run("verify", file, "--out", tmp_path / "out", "--jobs", "2", "--json")
+    assert done.exit_code == 3
+    record = json.loads(done.stdout)
+    assert record["verdict"] == "error"
+    assert record["runs"] == {"total": 3, "passed": 0, "failed": 0, "errors": 3}
+    assert [(entry["verdict"], entry["worst_run"], entry["value"]) for entry in record["requirements"]] == [
+        ("error", "0000-nominal", None)
+    ] * 2
+    status, words = MESSAGES[fault]
+    rows = run_table(tmp_path / "out")
+    assert {(row["status"], row["verdict"]) for row in rows.values()} == {(status, "error")}
+    for name, row in rows.items():
+        assert words in row["detail"]
+        assert f"run {name}: " in done.stderr
+        log = logs.read_log(tmp_path / "out" / f"runs/{name}.mcap")
+        assert log.verdict == {"verdict": "error", "quantities": "{}"}
+        if fault not in ("fixed_step", "warning"):  # the one never starts, the other reaches the end
+            assert log.signal("/plant/output").times[-1] == pytest.approx(FAULT_TIME, abs=0.1), "as far as it got"
+    cases = list(ElementTree.parse(tmp_path / "out" / "junit.xml").iter("testcase"))
+    assert [[child.tag for child in case if child.tag in ("failure", "error")] for case in cases] == [["error"]] * 2
+    assert "run 0000-nominal could not be finished" in results(tmp_path / "out")["requirements"][0]["reason"]
+    assert review(tmp_path / "out").status is ReviewStatus.CONFIRMED, "what is recorded is what happened"
+
+
+def test_one_run_that_crashes_costs_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    crashing = build_fault("segfault")
+
+    class Treacherous(Worker):
+        def run(self, experiment: Experiment, timeout: float) -> Outcome:
+            bad = experiment.parameters["stiffness"] == pytest.approx(0.9)
+            return super().run(replace(experiment, fmu=crashing) if bad else experiment, timeout)
+
+    monkeypatch.setattr(campaign, "Worker", Treacherous)
+    done = run("verify", small_study(tmp_path, samples=5), "--out", tmp_path / "out", "--jobs", "1")
+    assert done.exit_code == 3
+    verdicts = {name: row["verdict"] for name, row in run_table(tmp_path / "out").items()}
+    assert verdicts == {"0000-nominal": "pass", "0001": "pass", "0002": "error", "0003": "pass", "0004": "pass"}
+    assert "ERROR  RESIDUAL: run 0002 could not be finished: SIGSEGV" in done.stdout
+    assert "5 in all, 4 passed, 0 failed, 1 in error" in done.stdout
+    found = {entry["id"]: entry["verdict"] for entry in results(tmp_path / "out")["requirements"]}
+    assert found == {"RESIDUAL": "error", "TIME": "pass"}, "TIME is about the nominal run only"
+
+
+def test_a_fail_beside_an_error_is_a_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    crashing = build_fault("segfault")
+
+    class Treacherous(Worker):
+        def run(self, experiment: Experiment, timeout: float) -> Outcome:
+            return super().run(replace(experiment, fmu=crashing) if experiment.parameters["stiffness"] == 1.2 else experiment, timeout)
+
+    monkeypatch.setattr(campaign, "Worker", Treacherous)
+    done = run("verify", small_study(tmp_path, samples=2, limit=0.01), "--out", tmp_path / "out")
+    assert done.exit_code == 1
+    assert "run 0002 could not be finished: SIGSEGV" in done.stdout
+
+
+def test_an_error_that_no_requirement_looks_at_is_one_still(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    crashing = build_fault("segfault")
+
+    class Treacherous(Worker):
+        def run(self, experiment: Experiment, timeout: float) -> Outcome:
+            return super().run(replace(experiment, fmu=crashing) if experiment.parameters["stiffness"] == 1.2 else experiment, timeout)
+
+    monkeypatch.setattr(campaign, "Worker", Treacherous)
+    file = small_study(tmp_path, samples=2)
+    file.write_text(file.read_text().replace("max = 0.5", 'max = 0.5\nscope = "nominal"'))
+    done = verify(load_study(file), tmp_path / "out")
+    assert done.verdict is Verdict.ERROR
+    assert review(tmp_path / "out").status is ReviewStatus.CONFIRMED
+
+
+# Undecided
+
+
+def test_a_limit_within_the_numerical_error_is_undecided(tmp_path: Path) -> None:
+    step = "[simulation]\nstep = 0.4"
+    first = small_study(tmp_path, samples=2)
+    first.write_text(first.read_text().replace("[simulation]", step))
+    verify(load_study(first), tmp_path / "first")
+    value = next(entry for entry in results(tmp_path / "first")["requirements"] if entry["id"] == "RESIDUAL")
+    assert value["error"] > 1e-6, "the step is coarse on purpose"
+    second = small_study(tmp_path, samples=2, limit=value["value"] + value["error"] / 2, name="second.toml")
+    second.write_text(second.read_text().replace("[simulation]", step))
+    done = run("verify", second, "--out", tmp_path / "second")
+    assert done.exit_code == 3
+    assert "UNDECIDED  RESIDUAL: " in done.stdout
+    assert "within its numerical error" in done.stdout
+    assert "verdict: UNDECIDED" in done.stdout
+    assert review(tmp_path / "second").status is ReviewStatus.CONFIRMED
+
+
+# Which logs are kept
+
+
+def test_by_default_the_nominal_log_and_the_worst_are_kept(tmp_path: Path) -> None:
+    verify(load_study(small_study(tmp_path, samples=5)), tmp_path / "out")
+    worst = next(entry["worst_run"] for entry in results(tmp_path / "out")["requirements"] if entry["id"] == "RESIDUAL")
+    kept = {Path(path).stem for path in digests(tmp_path / "out", "runs/*.mcap")}
+    assert kept == {"0000-nominal", worst}
+    assert {name for name, row in run_table(tmp_path / "out").items() if row["log"]} == kept
+    done = review(tmp_path / "out")
+    assert done.status is ReviewStatus.CONFIRMED
+
+
+def test_every_log_of_a_run_that_did_not_pass_is_kept(tmp_path: Path) -> None:
+    verify(load_study(small_study(tmp_path, samples=5, limit=0.05)), tmp_path / "out")
+    rows = run_table(tmp_path / "out")
+    failed = {name for name, row in rows.items() if row["verdict"] == "fail"}
+    assert failed
+    assert {Path(path).stem for path in digests(tmp_path / "out", "runs/*.mcap")} == {"0000-nominal", *failed}
+
+
+def test_all_logs_are_kept_where_asked(tmp_path: Path) -> None:
+    verify(load_study(small_study(tmp_path, KEEP_ALL, samples=5)), tmp_path / "out")
+    assert len(digests(tmp_path / "out", "runs/*.mcap")) == 5
+
+
+# Folders
+
+
+@pytest.fixture
+def begun(verified: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(verified, tmp_path / "out"))
+
+
+def test_an_existing_folder_is_left_as_it_is(begun: Path) -> None:
+    before = digests(begun)
+    done = run("verify", SHIPPED / "two_mass.toml", "--out", begun)
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "--resume" in done.stderr
+    assert "--force" in done.stderr
+    assert digests(begun) == before
+
+
+def test_force_replaces_it(begun: Path, tmp_path: Path) -> None:
+    done = run("verify", small_study(tmp_path, samples=0), "--out", begun, "--force")
+    assert done.exit_code == 0
+    assert list(run_table(begun)) == ["0000-nominal"]
+    assert review(begun).status is ReviewStatus.CONFIRMED, "nothing of the former campaign is left"
+
+
+def test_resume_of_another_study_is_refused(begun: Path, tmp_path: Path) -> None:
+    before = digests(begun)
+    done = run("verify", small_study(tmp_path, samples=0), "--out", begun, "--resume")
+    assert done.exit_code == 2
+    assert "another study" in done.stderr
+    assert digests(begun) == before
+
+
+def precious(folder: Path) -> None:
+    (folder / "precious.txt").write_text("irreplaceable")
+
+
+def project(folder: Path) -> None:
+    """What people have in a project's folder: names that evidence has, too."""
+    (folder / "study.toml").write_text('title = "mine"')
+    (folder / "manifest.json").write_text('{"name": "a web application"}')
+    (folder / "runs").mkdir()
+    (folder / "runs" / "0001.mcap").write_bytes(b"a recording of theirs")
+
+
+@pytest.mark.parametrize("option", ["--force", "--resume"])
+@pytest.mark.parametrize("fill", [precious, project])
+def test_a_foreign_folder_is_never_touched(tmp_path: Path, fill: Callable[[Path], None], option: str) -> None:
+    folder = tmp_path / "theirs"
+    folder.mkdir()
+    fill(folder)
+    before = digests(folder)
+    done = run("verify", small_study(tmp_path, samples=0), "--out", folder, option)
+    assert done.exit_code == 2
+    assert "no evidence of ours" in done.stderr
+    assert digests(folder) == before
+
+
+@pytest.mark.parametrize("place", ["notes.txt", "runs/extra/0001.mcap", "plant/model.fmu"])
+def test_what_somebody_put_into_evidence_is_not_deleted(begun: Path, place: str) -> None:
+    path = begun / place
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("irreplaceable")
+    before = digests(begun)
+    done = run("verify", SHIPPED / "two_mass.toml", "--out", begun, "--force")
+    assert done.exit_code == 2
+    assert place in done.stderr
+    assert digests(begun) == before
+
+
+def test_the_studys_own_folder_can_not_be_the_evidences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = small_study(tmp_path, samples=0)
+    precious(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for options in ((), ("--force",), ("--resume",)):
+        assert run("verify", "study.toml", "--out", ".", *options).exit_code == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["precious.txt", file.name]
+
+
+def test_evidence_may_be_replaced_from_within_and_by_its_own_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    verify(load_study(small_study(tmp_path, samples=0)), tmp_path / "out")
+    monkeypatch.chdir(tmp_path / "out")
+    assert run("verify", "study.toml", "--out", ".", "--force").exit_code == 0
+    assert review(tmp_path / "out").status is ReviewStatus.CONFIRMED
+
+
+def test_a_link_is_followed_to_the_folder_and_its_target_stays(tmp_path: Path) -> None:
+    verify(load_study(small_study(tmp_path, samples=0)), tmp_path / "out")
+    (tmp_path / "link").symlink_to(tmp_path / "out")
+    verify(load_study(small_study(tmp_path, samples=2)), tmp_path / "link", force=True)
+    assert (tmp_path / "link").is_symlink()
+    assert len(run_table(tmp_path / "out")) == 3
+
+
+def test_the_folder_is_refused_before_anything_is_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from suite import verification
+
+    (tmp_path / "out").mkdir()
+    precious(tmp_path / "out")
+    monkeypatch.setattr(verification, "design", lambda study: pytest.fail("the design takes its time"))
+    with pytest.raises(FolderError):
+        verify(load_study(small_study(tmp_path, samples=0)), tmp_path / "out", force=True)
+
+
+@pytest.mark.parametrize("out", ["a file", "a file/sub"])
+def test_a_file_in_the_way_is_refused(tmp_path: Path, out: str) -> None:
+    (tmp_path / "a file").write_text("irreplaceable")
+    done = run("verify", small_study(tmp_path, samples=0), "--out", tmp_path / out, "--force")
+    assert done.exit_code == 2
+    assert "a file" in done.stderr
+    assert (tmp_path / "a file").read_text() == "irreplaceable"
+
+
+def test_missing_parents_are_made_and_names_may_be_anything(tmp_path: Path) -> None:
+    home = tmp_path / "Ünïcode and spaces 日本"
+    home.mkdir()
+    file = small_study(home, samples=0, name="meine Stüdie.toml")
+    done = run("verify", file, "--out", home / "a" / "b c", "--json")
+    assert done.exit_code == 0
+    folder = Path(json.loads(done.stdout)["evidence"])
+    assert folder == home / "a" / "b c"
+    assert run("review", folder).exit_code == 0
+
+
+# Refused before anything is written
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("observe = 12.0", "observe = 12.0\nstep = 1e-6"), f"at most {MOST_POINTS}"),
+        (("observe = 12.0", "observe = 1e100"), f"at most {MOST_POINTS}"),
+        (("observe = 12.0", "observe = 3"), "slowest period"),
+        (("samples = 3", "samples = 1000000"), "samples"),
+        (('output = "position_2"', 'output = "position_2"\nparameters = { stiffness = -1 }'), "unstable"),
+        (("range = [0.8, 1.2]", "range = [-0.1, 1.2]"), "unstable"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_and_leaves_nothing(tmp_path: Path, change: tuple[str, str], words: str) -> None:
+    file = small_study(tmp_path)
+    assert change[0] in file.read_text()
+    file.write_text(file.read_text().replace(*change))
+    done = run("verify", file, "--out", tmp_path / "out")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert words in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_box_of_too_many_samples_is_refused(tmp_path: Path) -> None:
+    axes = [f'[[uncertainty]]\nparameter = "{name}"\nrange = [0.9, 1.1]\nsamples = 50' for name in ("mass_1", "mass_2", "damping")]
+    with pytest.raises(StudyError, match="375000 samples"):
+        verify(load_study(small_study(tmp_path, *axes)), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_plant_without_an_fmu_is_enough_for_bound_only(tmp_path: Path) -> None:
+    from study_texts import RIGID
+
+    file = tmp_path / "study.toml"
+    file.write_text(RIGID)
+    assert run("bound", file).exit_code == 0
+    done = run("verify", file, "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert "plant.fmu" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+# Commands from a file, and delayed ones
+
+
+def test_a_command_file_is_verified_like_any_other(tmp_path: Path) -> None:
+    bound = json.loads(run("bound", small_study(tmp_path, samples=0), "--json").stdout)
+    (tmp_path / "command.json").write_text(json.dumps(bound["command"]))
+    file = small_study(tmp_path, '[command]\nkind = "file"\nfile = "command.json"\nstart = 1.5', samples=0, name="file.toml")
+    done = run("verify", file, "--out", tmp_path / "out")
+    assert done.exit_code == 0
+    command = results(tmp_path / "out")["command"]
+    assert command["maneuver_time"] == bound["command"]["maneuver_time"]
+    assert command["segments"][0]["start"] == 1.5
+    assert review(tmp_path / "out").status is ReviewStatus.CONFIRMED
+
+
+def test_a_command_file_beyond_the_limits_is_refused(tmp_path: Path) -> None:
+    bound = json.loads(run("bound", small_study(tmp_path, samples=0), "--json").stdout)
+    bound["command"]["segments"][1]["level"] = -1.25
+    (tmp_path / "command.json").write_text(json.dumps(bound["command"]))
+    done = run("verify", small_study(tmp_path, '[command]\nkind = "file"\nfile = "command.json"'), "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert "-1.25" in done.stderr
+    assert "limits.input" in done.stderr
+
+
+def test_a_command_that_does_nothing_fails_without_a_traceback(tmp_path: Path) -> None:
+    text = '{"format": "slewcert-command/1", "maneuver_time": 0.0, "segments": [], "tail": {"steady": 0.0}}'
+    (tmp_path / "command.json").write_text(text)
+    more = '[command]\nkind = "file"\nfile = "command.json"\n[[requirement]]\nid = "ERR"\nquantity = "final_error"\nmax = 0.01'
+    done = run("verify", small_study(tmp_path, more, samples=0), "--out", tmp_path / "out")
+    assert done.exit_code == 1
+    entry = next(entry for entry in results(tmp_path / "out")["requirements"] if entry["id"] == "ERR")
+    assert entry["value"] == 1.0, "it stays where it was"
+
+
+def test_a_study_without_requirements_is_run(tmp_path: Path) -> None:
+    text = small_study(tmp_path, samples=0).read_text()
+    file = tmp_path / "bare.toml"
+    file.write_text(text[: text.index("[[requirement]]")])
+    done = run("verify", file, "--out", tmp_path / "out", "--json")
+    assert done.exit_code == 0
+    assert json.loads(done.stdout)["requirements"] == []
+    assert "nothing was judged" in " ".join(results(tmp_path / "out")["notes"])
+    assert review(tmp_path / "out").status is ReviewStatus.CONFIRMED
