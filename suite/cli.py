@@ -96,20 +96,56 @@ def verify(study: Path, out: Path | None, jobs: int, resume: bool, force: bool, 
 
 @main.command()
 @click.argument("study", type=click.Path(path_type=Path))
+@click.option("--certificate", type=click.Path(path_type=Path, dir_okay=False), help="Write the proof to this file.")
 @AS_JSON
 @_guarded
-def bound(study: Path, as_json: bool) -> None:
-    """Bracket the minimum time of STUDY from both sides; nothing is co-simulated."""
+def bound(study: Path, certificate: Path | None, as_json: bool) -> None:
+    """Bracket the minimum time of STUDY from both sides, with a proof; nothing is co-simulated.
+
+    Exit code 0: proved or bracketed; 1: no command can do it; 2: bad input.
+    """
+    from relaxations.bounds import Status
+    from reports.files import write_atomically
     from suite import console
     from suite.design import bound_record, design
     from suite.study import load_study
 
     asked = load_study(study)
     made = design(asked)
+    content = made.bound.certificate
+    if certificate is not None and content is not None:
+        write_atomically(certificate, content)
+    written = str(certificate) if certificate is not None and content is not None else None
     if as_json:
-        _print_json(bound_record(made.bound, made.bound.command, float(asked.plant.initial_input)))
+        _print_json(bound_record(made.bound, made.bound.command, float(asked.plant.initial_input), written))
     else:
         console.show_bound(asked, made)
+        if certificate is not None:
+            click.echo(f"certificate: {written}" if written else "no certificate: nothing was proven")
+    sys.exit(FAILED if made.bound.status is Status.IMPOSSIBLE else 0)
+
+
+@main.command()
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--study", type=click.Path(path_type=Path), help="Confirm that the certificates are about this study.")
+@AS_JSON
+@_guarded
+def check(files: tuple[Path, ...], study: Path | None, as_json: bool) -> None:
+    """Verify certificates, or those of evidence folders, independently of the solver, and print what they claim.
+
+    Exit code 0: proved; 1: refuted, or about another study; 2: malformed; 3: inconclusive. Of several files the worst, in the order 2, 1, 3, 0.
+    """
+    from suite.checks import ORDER, check_path
+
+    done = [check_path(path, study) for path in files]
+    if as_json:
+        records = [checked.to_dict() for checked in done]
+        _print_json(
+            records[0] if len(records) == 1 else {"files": [{"file": str(c.path), **r} for c, r in zip(done, records, strict=True)]}
+        )
+    else:
+        click.echo("\n\n".join("\n".join(checked.lines()) for checked in done))
+    sys.exit(min((checked.exit_code for checked in done), key=ORDER.index))
 
 
 @main.command()

@@ -122,6 +122,9 @@ def show_bound(study: Study, made: Design) -> None:
 
 
 def _show_bracket(console: Console, bound: Mapping[str, Any]) -> None:
+    if bound["maneuver_time"] is None:
+        console.print("minimum time: none: no command within the limits does this in any time (proved)")
+        return
     lower, upper = bound["maneuver_time"]["lower"], bound["maneuver_time"]["upper"]
     sides = f"[{lower!r}, {'–' if upper is None else repr(upper)}] s"
     gap = "" if upper is None or lower == 0.0 else f", gap {upper / lower - 1.0:.1e}"

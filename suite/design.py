@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 
-from relaxations.bounds import Bound
+from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
@@ -28,11 +28,14 @@ class Design:
 
 def pose(study: Study, plant: LinearPlant) -> Problem:
     """The equations and limits that the study asks of `plant`; raises `StudyError` if the maneuver is refused."""
+    length = study.limits.tail_length
     maneuver = Maneuver(
         Fraction(study.maneuver.displacement),
         Limits(Fraction(study.limits.lower), Fraction(study.limits.upper)),
         Fraction(study.plant.initial_input),
         study.command.robustness,
+        study.command.tail,
+        None if length is None else (Fraction(length[0]), Fraction(length[1])),
     )
     try:
         return problem([plant], maneuver)
@@ -53,9 +56,10 @@ def design(study: Study) -> Design:
 
 def bound_record(bound: Bound, command: Command | None, rest: float, certificate: str | None = None) -> dict[str, object]:
     """The object that `slewcert bound --json` prints (docs/schemas.md); `rest` is the input at the initial rest."""
+    impossible = bound.status is Status.IMPOSSIBLE
     found = {
         "status": bound.status.name.lower(),
-        "maneuver_time": {"lower": bound.lower, "upper": bound.upper},
+        "maneuver_time": None if impossible else {"lower": bound.lower, "upper": bound.upper},
         "command": None if command is None else command.to_dict(),
         "switches": bound.switches,
         "fuel": None if command is None else command.fuel(rest),

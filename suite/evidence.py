@@ -15,6 +15,7 @@ from relaxations.response import jumps
 from relaxations.sensitivity import residual
 from reports import charts, files, junit, layouts, logs, manifest, pages
 from suite.campaign import RunResult
+from suite.checks import CERTIFICATE, size
 from suite.design import Design, bound_record
 from suite.observations import INPUT, observe
 from suite.quantities import Observation
@@ -25,16 +26,16 @@ from suite.verdicts import Judgement, Measured, Verdict, judge_run, limit
 FORMAT = "slewcert-results/1"
 RESULTS, REPORT, JUNIT, LAYOUT = "results.json", "report.html", "junit.xml", "layout.json"
 SOLVERS = ("cvxpy", "clarabel", "numpy", "scipy", "fmpy", "mcap", "python-flint")
+BRACKETED = "The bracket of the minimum time is not proven on both sides: {reason}."
 UNPROVEN = (
-    "The bracket of the minimum time was evaluated in floating point; it carries no certificate.",
     "Requirements are judged by values measured on simulations of the FMU at samples of the box; between them nothing is known.",
-    "The distance between the FMU and the linear plant (model_mismatch) is measured, not proven.",
+    "The distance between the FMU and the linear plant of the proof (model_mismatch) is measured, not proven.",
 )
 NO_REQUIREMENT = "The study has no requirement: the command was run and measured, but nothing was judged."
 TRUST_BASE = (
-    "the FMU's own binary and its solver, run in a process of its own",
-    "the step-halving estimate of the numerical error",
-    "CPython, NumPy, SciPy, python-flint (exact poles), cvxpy and Clarabel (candidates only)",
+    "For the bracket: python-flint {flint} (ball arithmetic), CPython {python}, and {lines} lines of checker, which share no code with the solver.",
+    "For the runs: the FMU's own binary and its solver, run in a process of its own.",
+    "For the verdicts: the step-halving estimate of the numerical error; NumPy, and the quantities' definitions, applied again by review.",
 )
 
 
@@ -47,7 +48,8 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
     """`slewcert-results/1`: everything that was asked, found and judged, without clock times, so that equal runs give equal bytes."""
     fmu = study.plant.fmu
     assert fmu is not None
-    bound = bound_record(design.bound, design.command, float(study.plant.initial_input))
+    certificate = None if design.bound.certificate is None else CERTIFICATE
+    bound = bound_record(design.bound, design.command, float(study.plant.initial_input), certificate)
     del bound["seconds"]
     return {
         "format": FORMAT,
@@ -71,10 +73,10 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         "task": {
             "displacement": float(study.maneuver.displacement),
             "input_limits": [float(study.limits.lower), float(study.limits.upper)],
-            "robustness": study.command.robustness,
+            "robustness": study.command.robustness if isinstance(study.command.robustness, int) else dict(study.command.robustness),
             "kind": study.command.kind,
             "start": float(study.command.start),
-            "rest": "state",
+            "rest": "output" if study.command.tail else "state",
         },
         "bound": bound,
         "command": bound["command"],
@@ -91,11 +93,16 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
             }
             for axis in study.uncertainties
         ],
-        "unproven": list(UNPROVEN),
-        "trust_base": list(TRUST_BASE),
+        "unproven": [*([BRACKETED.format(reason=design.bound.reason)] if design.bound.reason else []), *UNPROVEN],
+        "trust_base": _trust_base(),
         "notes": [*study.notes, *design.plant.notes, *([] if study.requirements else [NO_REQUIREMENT])],
         "environment": environment(),
     }
+
+
+def _trust_base() -> list[str]:
+    flint, python = importlib.metadata.version("python-flint"), platform.python_version()
+    return [line.format(flint=flint, python=python, lines=size()) for line in TRUST_BASE]
 
 
 def environment() -> dict[str, str]:
@@ -154,6 +161,8 @@ def write(folder: Path, results: Mapping[str, Any], study: Study, design: Design
         files.write_atomically(folder / "plant" / "twin.toml", fmu.archive.twin.encode())
     hashes = {"fmu": printable(fmu.archive.path.name), "sha256": fmu.archive.sha256, "binary_sha256": fmu.archive.binary_sha256}
     files.write_atomically(folder / "plant" / "hashes.json", files.json_bytes(hashes))
+    if design.bound.certificate is not None:
+        files.write_atomically(folder / CERTIFICATE, design.bound.certificate)
     files.write_atomically(folder / RESULTS, files.json_bytes(results))
     files.write_atomically(folder / JUNIT, junit.junit_bytes(results))
     kept = {result.name: folder / result.log for result in runs if result.log is not None}

@@ -50,14 +50,14 @@ class Subject:
     input: Channel
     output: Channel
     outputs: tuple[Channel, ...]  # every logged output, the controlled one among them
-    states: tuple[Channel, ...]
+    states: tuple[Channel, ...]  # an output that is a state is logged as both
     requirements: tuple[Requirement, ...]
     attachments: Mapping[str, bytes]
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """Names of all logged variables, outputs first."""
-        return tuple(channel.variable for channel in (*self.outputs, *self.states))
+        """Names of all logged variables, each once, outputs first."""
+        return tuple(dict.fromkeys(channel.variable for channel in (*self.outputs, *self.states)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,27 +99,32 @@ def record(subject: Subject, setting: Setting, outcome: Outcome, linear: Reals) 
         return RunLog(run, None, (), messages, attachments)
     times = trajectory.times
     asked = subject.command(times, setting.facts.rest_input)
-    count = len(subject.outputs)
+    column = {name: i for i, name in enumerate(subject.variables)}
+
+    def logged(channels: Sequence[Channel]) -> Reals:
+        return trajectory.values[:, [column[channel.variable] for channel in channels]]
+
     signals = [
         _signal(COMMAND, times, [replace(subject.input, causality="local")], asked[:, None], names=("u",)),
         _signal(INPUT, times, [subject.input], trajectory.input[:, None]),
-        _signal(OUTPUT, times, subject.outputs, trajectory.values[:, :count]),
+        _signal(OUTPUT, times, subject.outputs, logged(subject.outputs)),
         _signal(LINEAR, times, [replace(subject.output, causality="local")], linear[:, None]),
         _signal(LIMITS, times[:1], [replace(subject.input, causality="local")] * 2, np.array([subject.limits]), names=("lower", "upper")),
     ]
     if subject.states:
-        signals.append(_signal(STATE, times, subject.states, trajectory.values[:, count:]))
+        signals.append(_signal(STATE, times, subject.states, logged(subject.states)))
     return RunLog(run, None, tuple(signals), messages, attachments)
 
 
 def observe(log: RunLog) -> Observation:
-    """What quantities may look at, from a log alone."""
+    """What quantities may look at, from a log alone; raises `LookupError` or `ValueError` if it is no log of a run."""
     facts = json.loads(log.run["facts"])
     facts["modes"] = tuple((frequency, damping) for frequency, damping in facts["modes"])
     variables: dict[str, Reals] = {}
     for signal in log.signals:
-        if signal.topic in (OUTPUT, STATE):
-            variables |= {name: signal.values[:, i] for i, name in enumerate(signal.variables)}
+        for i, name in enumerate(signal.variables if signal.topic in (OUTPUT, STATE) else ()):
+            if not np.array_equal(variables.setdefault(name, signal.values[:, i]), signal.values[:, i]):
+                raise ValueError(f"{name} has other values as a state than as an output")
     applied = log.signal(INPUT)
     output = variables[log.run["output"]]
     return Observation(

@@ -123,6 +123,10 @@ def _review_log(name: str, log: RunLog) -> tuple[tuple[Row, ...], tuple[str, ...
             if not agree(value.value, again):
                 findings.append(f"{name}: {quantity} is recorded as {value.value!r}, the signals give {again!r}")
     nominal = json.loads(log.run["nominal"])
+    if not isinstance(nominal, bool):
+        raise ValueError(f"nominal is {nominal!r}")
+    if _asked(parse(Path(STUDY), log.attachments[STUDY]), log.run["output"]) != {r.id: _question(r) for r in requirements_in(log)}:
+        findings.append(f"{name}: the study that the log holds has other requirements")
     requirements = [r for r in requirements_in(log) if nominal or r.scope == "box"]
     missing = [r.id for r in requirements if recorded and str(r.quantity) not in recorded]
     if missing:
@@ -256,12 +260,12 @@ def _judge_again(
     study: Mapping[str, Any], results: Mapping[str, Any], seen: Mapping[str, Mapping[str, Measured]], findings: list[str]
 ) -> tuple[Row, ...]:
     """Every requirement of the folder's own study, judged on the values of all runs."""
-    asked = {r["id"]: _asked(r, results["plant"]["output"]["name"], bool(study.get("uncertainty"))) for r in study.get("requirement", [])}
+    asked = _asked(study, results["plant"]["output"]["name"])
     table = {entry["run"]: entry for entry in results["run_table"]}
     rows, judgements = [], []
     for entry in results["requirements"]:
         requirement = _as_requirement(entry)
-        if asked.pop(entry["id"], None) != (str(requirement.quantity), requirement.minimum, requirement.maximum, requirement.scope):
+        if asked.pop(entry["id"], None) != _question(requirement):
             findings.append(f"{entry['id']}: the study asks for something else")
         quantity = str(requirement.quantity)
         runs = [RunVerdict(name, table[name]["nominal"], values.get(quantity), table[name]["detail"]) for name, values in seen.items()]
@@ -280,13 +284,24 @@ def _judge_again(
     return tuple(rows)
 
 
-def _asked(written: Mapping[str, Any], output: str, has_box: bool) -> tuple[str, float | None, float | None, str]:
-    """Quantity, limits and scope of a requirement as the study's file has it."""
-    quantity = parse_quantity(written["quantity"])
-    if quantity.variable == "output":
-        quantity = Quantity(quantity.name, variable=output)
-    lowest, highest = (None if written.get(key) is None else float(written[key]) for key in ("min", "max"))
-    return str(quantity), lowest, highest, written.get("scope") or ("box" if has_box else "nominal")
+Question = tuple[str, float | None, float | None, str]
+"""Quantity, limits and scope of a requirement."""
+
+
+def _question(requirement: Requirement) -> Question:
+    return str(requirement.quantity), requirement.minimum, requirement.maximum, requirement.scope
+
+
+def _asked(study: Mapping[str, Any], output: str) -> dict[str, Question]:
+    """The requirements as the study's file has them, by their ids; `output` is the name of the controlled one."""
+    asked: dict[str, Question] = {}
+    for written in study.get("requirement", []):
+        quantity = parse_quantity(written["quantity"])
+        if quantity.variable == "output":
+            quantity = Quantity(quantity.name, variable=output)
+        lowest, highest = (None if written.get(key) is None else float(written[key]) for key in ("min", "max"))
+        asked[written["id"]] = str(quantity), lowest, highest, written.get("scope") or ("box" if study.get("uncertainty") else "nominal")
+    return asked
 
 
 def _compare(entry: Mapping[str, Any], judgement: Judgement) -> Iterable[str]:

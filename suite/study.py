@@ -106,21 +106,23 @@ class Maneuver:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """`lower ≤ u(t) ≤ upper`, absolute, input units."""
+    """`lower ≤ u(t) ≤ upper`, absolute, input units; of a tail also (seconds after the move, fraction of the nearer limit's distance)."""
 
     lower: Decimal
     upper: Decimal
+    tail_length: tuple[Decimal, Decimal] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class CommandRequest:
     """What command is asked for: the fastest one with `robustness` further zeros at each flexible mode, or the one in `file` (`given`).
 
-    It begins `start` seconds after the beginning of a run.
+    `robustness` may count them mode by mode (`{"mode[2]": 1, "real[1]": 1}`); with `tail` only the output has to rest. The command begins `start` seconds after the beginning of a run.
     """
 
     kind: Literal["time-optimal", "file"] = "time-optimal"
-    robustness: int = 0
+    robustness: int | Mapping[str, int] = 0
+    tail: bool = False
     start: Decimal = Decimal(0)
     file: Path | None = None
     given: Command | None = None

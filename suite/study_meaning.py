@@ -51,13 +51,14 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
         _box(plant, [(i, axis) for i, axis in enumerate(uncertainties, 1) if axis is not None], mistakes)
     if mistakes or plant is None or command is None or not (written.maneuver and written.limits and written.simulation and written.keep):
         return None, _in_order(mistakes)
+    length = written.limits.tail_length
     study = Study(
         title=written.title or printable(file.stem),
         file=file,
         source=source,
         plant=plant,
         maneuver=Maneuver(written.maneuver.displacement),
-        limits=Limits(*written.limits.input),
+        limits=Limits(*written.limits.input, None if length is None else (length.time, length.within)),
         command=command,
         simulation=_simulation(written.simulation),
         uncertainties=tuple(axis for axis in uncertainties if axis is not None),
@@ -133,7 +134,9 @@ def _command(written: schema.Command, folder: Path, mistakes: list[Mistake]) -> 
             mistakes.append(Mistake("command.file", written.file, f"{path}: {problem}"))
         return None
     robustness = written.robustness or 0
-    return CommandRequest("time-optimal", robustness=robustness, start=start) if isinstance(robustness, int) else None
+    if isinstance(robustness, str):
+        return None  # "box": refused elsewhere
+    return CommandRequest("time-optimal", robustness=robustness, tail=bool(written.tail), start=start)
 
 
 def _within(command: Command, file: str | None, limits: tuple[Decimal, Decimal], mistakes: list[Mistake]) -> None:

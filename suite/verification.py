@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from relaxations.bounds import Status
 from reports import files
 from suite import evidence
 from suite.campaign import RunResult, Sample, carry_out, samples, settle
@@ -68,7 +69,9 @@ def verify(
     judgements = tuple(judge(requirement, [run.seen_by(requirement.quantity) for run in runs]) for requirement in study.requirements)
     verdict = overall([*(judgement.verdict for judgement in judgements), *(Verdict.ERROR for run in runs if not run.measured)])
     if made.command is None:
-        verdict, reason = Verdict.UNDECIDED, made.bound.reason or "no command was found"
+        impossible = made.bound.status is Status.IMPOSSIBLE
+        verdict = Verdict.FAIL if impossible else Verdict.UNDECIDED
+        reason = f"{Status.IMPOSSIBLE.value} (see the certificate)" if impossible else made.bound.reason or "no command was found"
         judgements = tuple(replace(judgement, verdict=verdict, reason=reason) for judgement in judgements)
     if study.keep_logs == "worst":
         runs = _drop(folder, runs, judgements)
@@ -125,7 +128,7 @@ def _subject(study: Study, fmu: FmuPlant, made: Design) -> Subject:
         limits=(float(study.limits.lower), float(study.limits.upper)),
         input=channel(study.plant.input),
         output=channel(study.plant.output),
-        outputs=tuple(channel(name) for name in outputs if name not in states and description.find(name).is_real),
+        outputs=tuple(channel(name) for name in outputs if description.find(name).is_real),
         states=tuple(channel(name) for name in states if description.find(name).is_real),
         requirements=study.requirements,
         attachments={"study.toml": study.source, "modelDescription.xml": fmu.archive.description_xml},

@@ -111,9 +111,7 @@ def test_robust_commands_meet_the_derivatives_too():
     # The residual of the moment at a slightly wrong frequency is of second order.
     poles = chain(3).flexible
     for pole in poles:
-        off = [
-            float(np.linalg.norm(moments(Basis((type(pole)(pole.value * (1 + d), 1),)), command, command.end))) for d in (1e-3, 2e-3)
-        ]
+        off = [float(np.linalg.norm(moments(Basis((type(pole)(pole.value * (1 + d), 1),)), command, command.end))) for d in (1e-3, 2e-3)]
         assert off[1] / off[0] == pytest.approx(4.0, rel=0.05)
 
 

@@ -89,6 +89,8 @@ def test_every_log_tells_what_the_table_tells(verified: Path) -> None:
         assert {"maneuver_time", "slowest_period", "step"} <= log.run.keys()
         assert {"study.toml", "modelDescription.xml", "command.json"} <= log.attachments.keys()
         topics = {signal.topic for signal in log.signals}
+        assert log.signal("/plant/output").variables == ("position_2", "position_1", "spring"), "the controlled one first"
+        assert set(log.signal("/plant/state").variables) == {"position_1", "position_2", "velocity_1", "velocity_2"}
         assert topics == {"/command/u", "/plant/input", "/plant/output", "/plant/state", "/linear/output", "/limits"}
         recorded = json.loads(log.verdict["quantities"])
         assert {quantity: entry["value"] for quantity, entry in row["quantities"].items()} == {

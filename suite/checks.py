@@ -1,0 +1,96 @@
+"""`slewcert check`: certificates and evidence folders, verified by a checker that shares nothing with the solver."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from relaxations import checking
+from relaxations.checking.claims import Check, Outcome, check_file, claim
+
+CERTIFICATE = "certificate.json"
+EXIT = {Outcome.PROVED: 0, Outcome.REFUTED: 1, Outcome.MALFORMED: 2, Outcome.INCONCLUSIVE: 3}
+ORDER = (2, 1, 3, 0)
+"""Exit codes from worst to best."""
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """One file: what the checker says, and whether it is about a study ("matches", "differs", or None if none was named; `why` not)."""
+
+    path: Path
+    check: Check
+    study: str | None = None
+    why: str = ""
+
+    @property
+    def exit_code(self) -> int:
+        """By docs/schemas.md: a true claim about another study counts as refuted."""
+        return 1 if self.check.outcome is Outcome.PROVED and self.study == "differs" else EXIT[self.check.outcome]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The object of `check --json`."""
+        record = self.check.to_dict()
+        if self.study is not None:
+            record["study"] = self.study
+        return record
+
+    def lines(self) -> list[str]:
+        """For people: the claim, what it rests on, the outcome."""
+        found = self.check
+        lines = [f"{self.path}"]
+        if found.certificate is not None:
+            lines.append(claim(found.certificate))
+        lines.append(
+            f"Trust base: python-flint {importlib.metadata.version('python-flint')}, CPython {platform.python_version()}, {size()} lines of checker."
+        )
+        if self.study is not None:
+            lines.append(f"Study: {self.study}" + (f" ({self.why})" if self.why else ""))
+        reason = f": {found.reason}" if found.reason else ""
+        at = f" at {found.bits} bits" if found.bits else ""
+        return [*lines, f"{found.outcome.value.upper()}{reason} ({found.seconds:.3f} s{at})"]
+
+
+def size() -> int:
+    """Lines of the checker: what a reader has to trust."""
+    return sum(len(path.read_text().splitlines()) for path in Path(checking.__file__).parent.glob("*.py"))
+
+
+def check_path(path: Path, study: Path | None = None) -> Checked:
+    """Check a certificate, or the one of an evidence folder (which is then compared with the folder's own study).
+
+    Raises `OSError` for a file that cannot be read, `StudyError` for a study that cannot.
+    """
+    if path.is_dir():
+        file, asked = path / CERTIFICATE, study or path / "study.toml"
+    else:
+        file, asked = path, study
+    found = check_file(file)
+    if asked is None or found.certificate is None:
+        return Checked(file, found)
+    why = _difference(found, asked, path if path.is_dir() else None)
+    return Checked(file, found, "differs" if why else "matches", why)
+
+
+def _difference(found: Check, study: Path, folder: Path | None) -> str:
+    """What the certificate's task has that the study's has not, in words; empty if they are the same."""
+    from relaxations.certificates import task
+    from suite.design import pose
+    from suite.plants import nominal_plant
+    from suite.study import load_study
+
+    asked = load_study(study)
+    expected = task(pose(asked, nominal_plant(asked)))
+    assert found.certificate is not None
+    written = found.certificate.written["task"]
+    other = [name for name in expected if expected[name] != written.get(name)]
+    if folder is not None and asked.plant.fmu is not None:
+        import json
+
+        recorded = json.loads((folder / "plant" / "hashes.json").read_bytes())
+        if recorded["sha256"] != asked.plant.fmu.archive.sha256:
+            other.append(f"FMU ({recorded['fmu']})")
+    return f"another {', '.join(other)}" if other else ""
