@@ -95,34 +95,35 @@ def verify(study: Path, out: Path | None, jobs: int, resume: bool, force: bool, 
 
 
 @main.command()
-@click.argument("study", type=click.Path(path_type=Path))
-@click.option("--certificate", type=click.Path(path_type=Path, dir_okay=False), help="Write the proof to this file.")
+@click.argument("studies", nargs=-1, required=True, metavar="STUDY...", type=click.Path(path_type=Path))
+@click.option("--certificate", type=click.Path(path_type=Path), help="Write the proof to this file; of several studies, into this folder.")
 @AS_JSON
 @_guarded
-def bound(study: Path, certificate: Path | None, as_json: bool) -> None:
-    """Bracket the minimum time of STUDY from both sides, with a proof; nothing is co-simulated.
+def bound(studies: tuple[Path, ...], certificate: Path | None, as_json: bool) -> None:
+    """Bracket the minimum time of each STUDY (or of every study in a folder) from both sides, with a proof; nothing is co-simulated.
 
     Exit code 0: proved or bracketed; 1: no command can do it; 2: bad input.
     """
-    from relaxations.bounds import Status
-    from reports.files import write_atomically
     from suite import console
-    from suite.design import bound_record, design
-    from suite.study import load_study
+    from suite.collection import bracket, collect
 
-    asked = load_study(study)
-    made = design(asked)
-    content = made.bound.certificate
-    if certificate is not None and content is not None:
-        write_atomically(certificate, content)
-    written = str(certificate) if certificate is not None and content is not None else None
+    files = collect(studies)
+    if len(files) == 1 and not studies[0].is_dir():
+        done = bracket(files[0], certificate)
+        if as_json:
+            _print_json(done.to_dict())
+        else:
+            console.show_bound(done)
+        sys.exit(FAILED if done.impossible else 0)
+    table = []
+    with console.progress("bracketing", len(files)) as shown:
+        for file in files:
+            table.append(bracket(file, None if certificate is None else certificate / f"{file.stem}.certificate.json"))
+            shown.advance()
     if as_json:
-        _print_json(bound_record(made.bound, made.bound.command, float(asked.plant.initial_input), written))
+        _print_json({"studies": [{"study": str(done.study.file), **done.to_dict()} for done in table]})
     else:
-        console.show_bound(asked, made)
-        if certificate is not None:
-            click.echo(f"certificate: {written}" if written else "no certificate: nothing was proven")
-    sys.exit(FAILED if made.bound.status is Status.IMPOSSIBLE else 0)
+        console.show_collection(table)
 
 
 @main.command()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +18,9 @@ from suite.evidence import number
 from suite.verification import Progress, Verification
 
 if TYPE_CHECKING:
-    from suite.design import Design
+    from relaxations.commands import Tail
+    from suite.collection import Bracketed
     from suite.review import Review
-    from suite.study import Study
 
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
 WIDTH = 140  # of tables that are written to a file or a pipe, where no terminal says how wide it is
@@ -32,11 +32,11 @@ def _out() -> Console:
 
 
 @contextmanager
-def progress(title: str) -> Iterator[Progress]:
-    """A bar on standard error while runs are made; nothing where standard error is no terminal."""
+def progress(title: str, total: int | None = None) -> Iterator[Progress]:
+    """A bar on standard error while work is done; nothing where standard error is no terminal."""
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(escape(title), total=None)
+        task = bar.add_task(escape(title), total=total)
 
         def planned(count: int) -> None:
             bar.update(task, total=count)
@@ -46,7 +46,7 @@ def progress(title: str) -> Iterator[Progress]:
             if not result.measured:
                 bar.console.print(f"run {escape(result.name)}: {escape(result.detail)}", style="magenta")
 
-        yield Progress(planned, finished)
+        yield Progress(planned, finished, lambda: bar.advance(task))
 
 
 def verification_record(done: Verification) -> dict[str, Any]:
@@ -103,22 +103,55 @@ def _worst_case(results: Mapping[str, Any]) -> Iterator[str]:
             yield f"worst {quantity}: {value:.6g} in run {escape(run['run'])}" + (f" ({escape(where)})" if where else "")
 
 
-def show_bound(study: Study, made: Design) -> None:
-    """The bracket of the minimum time and the switch times of the command."""
-    from suite.design import bound_record
-
-    console = _out()
+def show_bound(done: Bracketed) -> None:
+    """The bracket of the minimum time, the switch times and the tail of the command, and where the certificate lies."""
+    study, made, console = done.study, done.design, _out()
     console.print(escape(study.title or study.file.name), style="bold")
-    _show_bracket(console, bound_record(made.bound, made.bound.command, made.problem.rest))
+    _show_bracket(console, done.to_dict())
     command = made.bound.command
     if command is not None and made.bound.switches is not None:
         table = Table("from, s", f"input, {escape(study.plant.input_unit or '–')}")
         for segment in command.segments:
             table.add_row(f"{segment.start:.10f}", f"{segment.level:.10g}")
-        table.add_row(f"{command.end:.10f}", f"{command.tail.steady:.10g}")
+        table.add_row(f"{command.end:.10f}", escape(_tail(command.tail)))
         console.print(table)
-    for note in (*study.notes, *made.plant.notes):
+    for note in dict.fromkeys((*study.notes, *made.plant.notes, *made.problem.notes)):
         console.print(f"note: {escape(note)}", soft_wrap=True)
+    if done.certificate is not None:
+        console.print(f"certificate: {escape(str(done.certificate))}", soft_wrap=True)
+
+
+def _tail(tail: Tail) -> str:
+    """The input after the move as a formula in r, the time since its end."""
+    terms = [f"{tail.steady:.10g}"]
+    for term in tail.terms:
+        power = "" if term.power == 0 else " r" if term.power == 1 else f" r^{term.power}"
+        decay = f"e^({term.rate.real:.6g} r)"
+        if term.rate.imag:
+            angle = f"{term.rate.imag:.6g} r"
+            terms.append(f"({term.coefficient.real:.10g} cos {angle} {-term.coefficient.imag:+.10g} sin {angle}){power} {decay}")
+        else:
+            terms.append(f"{term.coefficient.real:.10g}{power} {decay}")
+    return " + ".join(terms).replace("+ -", "- ")
+
+
+def show_collection(table: Sequence[Bracketed]) -> None:
+    """One row a study: poles, zeros, switches, both sides, relative gap, status, milliseconds."""
+    console = _out()
+    shown = Table()
+    for heading in ("study", "poles", "zeros", "switches", "lower [s]", "upper [s]", "gap", "status", "ms"):
+        shown.add_column(escape(heading), justify="left" if heading in ("study", "status") else "right")
+    for done in table:
+        bound, plant = done.design.bound, done.design.plant
+        zeros = sum(zero.multiplicity * (2 if zero.is_flexible else 1) for zero in plant.zeros)
+        sides = ("–", "–") if done.impossible else (f"{bound.lower:.12f}", "–" if bound.upper is None else f"{bound.upper:.12f}")
+        gap = "–" if done.impossible or bound.gap is None else f"{bound.gap:.1e}"
+        switches = "–" if bound.switches is None else str(bound.switches)
+        row = (done.study.file.stem, str(plant.order), str(zeros), switches, *sides, gap, bound.status.name.lower(), f"{1000 * bound.seconds:.0f}")
+        shown.add_row(*map(escape, row))
+    console.print(shown)
+    proved = sum(done.design.bound.status.name != "BRACKETED" for done in table)
+    console.print(f"{len(table)} studies, {proved} proven")
 
 
 def _show_bracket(console: Console, bound: Mapping[str, Any]) -> None:

@@ -27,10 +27,11 @@ MOST_POINTS = 2_000_000  # communication points of one run: its log is then a qu
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What a caller may show while it waits: `planned` runs in all, and each result as it comes."""
+    """What a caller may show while it waits: `planned` runs in all, each result as it comes, and steps of other work."""
 
     planned: Callable[[int], None] = lambda count: None
     finished: Callable[[RunResult], None] = lambda result: None
+    advance: Callable[[], None] = lambda: None
 
 
 @dataclass(frozen=True, slots=True)

@@ -344,18 +344,30 @@ def test_a_softer_study_with_the_old_logs_differs(folder: Path) -> None:
     assert any("another study" in finding for finding in done.findings)
 
 
-def test_a_signal_that_was_changed_does_not_give_the_recorded_values(folder: Path) -> None:
-    def calm(log: RunLog) -> RunLog:
+@pytest.mark.parametrize(
+    ("topics", "status"), [(("/plant/output", "/plant/state"), DIFFERS), (("/plant/output",), TAMPERED), (("/linear/output",), DIFFERS)]
+)
+def test_signals_that_were_changed_do_not_give_the_recorded_values(folder: Path, topics: tuple[str, ...], status: ReviewStatus) -> None:
+    def disturbed(log: RunLog) -> RunLog:
         signals = []
         for signal in log.signals:
             values = signal.values.copy()
-            if signal.topic == "/plant/output":
+            if signal.topic in topics:
                 values[len(values) // 2] += 1.0
             signals.append(replace(signal, values=values))
         return replace(log, signals=tuple(signals))
 
-    relog(folder, "0004", calm)
-    assert review(folder).status is DIFFERS
+    relog(folder, "0004", disturbed)
+    assert review(folder).status is status
+
+
+def test_a_log_judged_by_other_requirements_than_its_study_has_differs(verified: Path, tmp_path: Path) -> None:
+    log = logs.read_log(verified / WORST)
+    asked = json.loads(log.run["requirements"])
+    for softer in (asked[1:], [{**asked[0], "maximum": 0.5}, *asked[1:]]):
+        path = tmp_path / "0001.mcap"
+        logs.write_log(path, replace(log, run={**log.run, "requirements": json.dumps(softer)}))
+        assert review(path).status is DIFFERS
 
 
 # Nonsense is no traceback
