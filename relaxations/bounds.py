@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from relaxations import programs
 from relaxations.commands import Command, Segment, Tail
 from relaxations.duality import lower_bound
-from relaxations.grids import grid
 from relaxations.errors import ShortHorizonError, SolverError
+from relaxations.grids import grid
 from relaxations.maneuvers import Problem
 from relaxations.refinement import Contact, Extremal, Failure, TailStart, refine
 
@@ -49,18 +49,22 @@ class Settings:
     programs: int = 30
     tolerance: float = 1e-9
 
-
     def finer(self, factor: int) -> Settings:
         """The same on a grid of `factor` times as many intervals."""
-        scaled = (factor * n for n in (self.cells_per_equation, self.least_cells, self.cells_per_period))
-        return Settings(*scaled, self.most_cells, self.programs, self.tolerance)
+        return replace(
+            self,
+            cells_per_equation=factor * self.cells_per_equation,
+            least_cells=factor * self.least_cells,
+            cells_per_period=factor * self.cells_per_period,
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Bound:
     """A bracket of the minimum time T* [s]: `lower` rests on `costate`, `upper` on `command`; `reason` says what is missing to a proof.
 
-    `tail` holds the coefficients of the command's tail, `dual` what costate and command came from. `certificate` holds what was proven, in a form that `relaxations.checking` verifies.
+    `tail` holds the coefficients of the command's tail, `dual` what costate and command came from. `certificate` holds what was proven,
+    in a form that `relaxations.checking` verifies.
     """
 
     status: Status
@@ -159,7 +163,7 @@ def _tail_only(problem: Problem) -> Reals | None:
     tail = problem.tail
     if tail.size < problem.size:
         return None
-    coefficients = np.linalg.solve(tail.columns, -problem.target)
+    coefficients: Reals = np.linalg.solve(tail.columns, -problem.target).astype(np.float64)
     above, below = tail.room(tail.looks())
     course = tail.rows(tail.looks()) @ coefficients
     slack = 1e-12 * (problem.upper - problem.lower)  # a tail may begin on a limit exactly; the proof decides
@@ -167,7 +171,7 @@ def _tail_only(problem: Problem) -> Reals | None:
 
 
 def _contacts(problem: Problem, solution: programs.GridSolution) -> TailStart | None:
-    """The tail of a grid's solution and where it touches its limits; None if it does so in its course, where no instant is known exactly."""
+    """The tail of a grid's solution and where it touches its limits; None if it does so in its course, at no instant known exactly."""
     known = {0.0} | ({problem.tail.length.time} if problem.tail.length else set())
     weights = [(t, above * room) for t, above, room in zip(solution.program.looks, solution.mu_above, solution.program.above, strict=True)]
     weights += [(t, below * room) for t, below, room in zip(solution.program.looks, solution.mu_below, solution.program.below, strict=True)]
@@ -246,7 +250,9 @@ def grid_minimum(problem: Problem, settings: Settings, near: float | None = None
         low = max(below.program.maneuver_time if below else 0.0, short)
         high = above.program.maneuver_time if above else math.inf
         if not low < following < high:
-            following = math.sqrt(low * high) if low > 0.0 and math.isfinite(high) else (min(2 * low, farthest) if math.isinf(high) else high / 4)
+            following = (
+                math.sqrt(low * high) if low > 0.0 and math.isfinite(high) else (min(2 * low, farthest) if math.isinf(high) else high / 4)
+            )
         horizon = following
     return GridMinimum(below, above, count)
 

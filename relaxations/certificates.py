@@ -73,7 +73,7 @@ def _zeros(problem: Problem) -> dict[str, int]:
 
 
 def costate_witness(problem: Problem, costate: Numbers, multipliers: Sequence[tuple[Number, Number, Number]] = ()) -> dict[str, Any]:
-    """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole; (instant, μ⁺, μ⁻) of the tail's limits."""
+    """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole; (instant, μ⁺, μ⁻) of the tail."""
     plants, at = [], 0
     for target in problem.sets:
         chains = []

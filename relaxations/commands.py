@@ -6,6 +6,7 @@ followed by a tail. Before the first segment the input rests at its initial valu
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import operator
@@ -32,7 +33,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class TailTerm:
-    """`Re(coefficient · r^power · e^{rate r})`, r the time since the end of the segments [s]; a conjugate pair is one term with Im(rate) > 0."""
+    """`Re(coefficient · r^power · e^{rate r})`, r the time since the end of the segments [s]; a pair is one term, Im(rate) > 0."""
 
     rate: complex
     power: int
@@ -77,7 +78,7 @@ class Command:
         if self.maneuver_time < 0.0:
             raise CommandError(f"maneuver_time must not be negative, is {self.maneuver_time!r}")
         starts = [s.start for s in self.segments]
-        for before, after in zip(starts, starts[1:], strict=False):
+        for before, after in itertools.pairwise(starts):
             if not before < after:
                 raise CommandError(f"segments must start in strictly ascending order: {after!r} follows {before!r}")
         if starts and not (starts[0] >= 0.0 and starts[-1] <= self.end):
@@ -158,7 +159,8 @@ class Command:
                 Tail(
                     float(data["tail"]["steady"]),
                     tuple(
-                        TailTerm(complex(*t["rate"]), operator.index(t["power"]), complex(*t["coefficient"])) for t in data["tail"].get("terms", ())
+                        TailTerm(complex(*t["rate"]), operator.index(t["power"]), complex(*t["coefficient"]))
+                        for t in data["tail"].get("terms", ())
                     ),
                 ),
             )

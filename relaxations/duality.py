@@ -25,7 +25,7 @@ LASTING = 50.0  # time constants after which (or, right of the axis, before whic
 
 
 def _samples(problem: Problem, horizon: float) -> Reals:
-    """Times to go at which to look at the costate: each mode sampled at its own pace where it is alive, so that no boundary layer is missed."""
+    """Times to go at which to look at the costate: each mode at its own pace while it is alive, so that no boundary layer is missed."""
     parts = [np.linspace(0.0, horizon, 513)]
     for pole in {pole.value for target in problem.sets for pole in target.basis.poles if pole.value}:
         alive = min(LASTING / abs(pole.real), horizon) if pole.real else horizon
@@ -63,8 +63,11 @@ def _roots(problem: Problem, costate: Reals, left: Reals, right: Reals) -> Reals
     if not len(left):
         return np.zeros(0)
     found = elementwise.find_root(p, (left, right), tolerances={"xatol": 0.0, "xrtol": 4e-16, "fatol": 0.0, "frtol": 0.0})
-    # Where p is all rounding at both ends the signs may differ from those seen above; either end is then as good a root.
-    return np.where(np.isfinite(found.x), found.x, left)
+    if not np.isfinite(found.x).all():
+        # At a sample that hits a root the sign is rounding and may differ from the one seen before: that end is the root.
+        nearer = np.where(np.abs(p(left)) <= np.abs(p(right)), left, right)
+        return np.where(np.isfinite(found.x), found.x, nearer)
+    return found.x
 
 
 @dataclass(frozen=True, slots=True)

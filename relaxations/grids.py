@@ -18,7 +18,7 @@ OUTLINE = 400  # points in which the density is sketched, uniform and towards ea
 
 
 def grid(problem: Problem, horizon: float, least: int, per_period: float, most: int) -> Reals:
-    """Instants 0 … `horizon` [s], ascending: `least` cells, doubled until every mode has `per_period` of them a period, at `most` about so many.
+    """Instants 0 … `horizon` [s], ascending: `least` cells, doubled until every mode has `per_period` of them a period, `most` or so.
 
     Numbers of cells come in few sizes, so that programs are compiled once.
     """

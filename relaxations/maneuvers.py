@@ -123,7 +123,8 @@ def _extra_zeros(plant: LinearPlant, robustness: int | Mapping[str, int]) -> dic
 def target_set(plant: LinearPlant, maneuver: Maneuver) -> TargetSet:
     """State rest of one plant after the move, with the further zeros asked for.
 
-    Off the origin the moments equal those of holding u_ss for ever; at the origin all vanish but the highest, which carries the displacement.
+    Off the origin the moments equal those of holding u_ss for ever; at the origin all vanish but the highest, which carries the
+    displacement.
     """
     extra = _extra_zeros(plant, maneuver.robustness)
     basis = Basis(tuple(Pole(pole.value, pole.multiplicity + extra.get(pole.value, 0)) for pole in plant.poles))

@@ -21,7 +21,7 @@ Complexes = NDArray[np.complex128]
 
 
 def _chain(pole: complex, power: int, integrals: int, s: Reals) -> Complexes:
-    """The `integrals`-fold integral from 0 of `s^power/power! e^{pole s}` at s ≥ 0, whose transform is `1/(σ^integrals (σ - pole)^(power+1))`.
+    """The `integrals`-fold integral from 0 of `s^power/power! e^{pole s}` at s ≥ 0: transform `1/(σ^integrals (σ - pole)^(power+1))`.
 
     Near `pole s = 0` the recurrence cancels, so its power series `s^n/n! Σ_k (power+1)_k/(n+1)_k (pole s)^k/k!`, n = power + integrals, is
     summed there; for Re pole < 0 in Kummer's other form, `e^{pole s}` times the series in `-pole s`, whose terms do not cancel.
@@ -29,7 +29,7 @@ def _chain(pole: complex, power: int, integrals: int, s: Reals) -> Complexes:
     if pole == 0:
         return (s ** (power + integrals) / factorial(power + integrals)).astype(complex)
     if integrals == 0:
-        return s**power / factorial(power) * np.exp(pole * s)
+        return (s**power / factorial(power) * np.exp(pole * s)).astype(np.complex128)
     near = np.abs(pole) * s <= 1.0 + power
     result = np.empty(s.shape, dtype=complex)
     if near.any():

@@ -14,6 +14,7 @@ from decimal import Decimal
 from fractions import Fraction
 from functools import cached_property
 from types import MappingProxyType
+from typing import cast
 
 import flint
 from flint import acb, acb_poly, fmpq, fmpq_mat, fmpq_poly
@@ -89,15 +90,20 @@ class Pole:
         return -self.value.real / abs(self.value) if self.value else 0.0
 
 
+def _isolated(polynomial: fmpq_poly) -> list[tuple[acb, int]]:
+    """Distinct roots with their multiplicities (the stub of python-flint says otherwise)."""
+    return cast("list[tuple[acb, int]]", polynomial.complex_roots())
+
+
 def roots(polynomial: fmpq_poly) -> tuple[Pole, ...]:
-    """Distinct roots with Im ≥ 0, sorted by magnitude, each with its exact multiplicity; real and imaginary parts that are exactly zero are 0.0."""
+    """Distinct roots with Im ≥ 0, sorted by magnitude, each with its exact multiplicity; a part that is exactly zero is 0.0."""
     if polynomial.degree() < 1:
         return ()
     mirror = fmpq_poly([c * (-1) ** k for k, c in enumerate(polynomial.coeffs())])
     symmetric = polynomial.gcd(mirror)  # roots on the imaginary axis are common to D(s) and D(-s)
     found = []
     with precision(ROOT_BITS):
-        for ball, multiplicity in polynomial.complex_roots():
+        for ball, multiplicity in _isolated(polynomial):
             value = _midpoint(ball)
             if value.imag < 0:
                 continue
@@ -172,7 +178,7 @@ class LinearPlant:
     def from_modes(rigid: Exact, modes: Sequence[tuple[Exact, Exact, Exact]]) -> LinearPlant:
         """`rigid/s² + Σ gain/(s² + 2ζωs + ω²)` from (frequency ω [rad/s], damping ζ, gain) of each mode.
 
-        Modes of equal frequency and damping move as one: the input cannot excite them apart, so they are one mode with the sum of the gains.
+        Modes of equal frequency and damping move as one: the input cannot excite them apart, so they become one with the sum of the gains.
         """
         gains: dict[tuple[Fraction, Fraction], Fraction] = {}
         for frequency, damping, gain in modes:
@@ -271,7 +277,9 @@ class LinearPlant:
         """
         at_origin = self.numerators[self.output](fmpq(0))
         if at_origin == 0:
-            raise PlantError(f"the plant has a zero at the origin: its output {self.output!r} cannot be held away from its first rest value")
+            raise PlantError(
+                f"the plant has a zero at the origin: its output {self.output!r} cannot be held away from its first rest value"
+            )
         return displacement * fraction(self.denominator(fmpq(0))) / fraction(at_origin)
 
     def partial(self, output: str | None = None) -> Partial:
@@ -283,7 +291,7 @@ class LinearPlant:
         through = numerator.coeffs()[self.order] if numerator.degree() == self.order else fmpq(0)
         proper = numerator - through * self.denominator
         with precision(ROOT_BITS):
-            balls = {_midpoint(ball): ball for ball, _ in self.denominator.complex_roots()} if self.order else {}
+            balls = {_midpoint(ball): ball for ball, _ in _isolated(self.denominator)} if self.order else {}
             table = []
             for pole in self.poles:
                 ball = min(balls.items(), key=lambda item: abs(item[0] - pole.value))[1]

@@ -139,7 +139,13 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
     if m + 1 + n < size + a:
         return None
     levels = [arb(_q(_level(problem, level))) for level in extremal.levels(problem)]
-    x = [*extremal.switches_to_go, extremal.maneuver_time, *extremal.costate, *extremal.tail.coefficients, *(c.multiplier for c in contacts)]
+    x = [
+        *extremal.switches_to_go,
+        extremal.maneuver_time,
+        *extremal.costate,
+        *extremal.tail.coefficients,
+        *(c.multiplier for c in contacts),
+    ]
     x = [arb(float(value)) for value in x]
     shapes = [[c.side * value for value in exact.shape(c.time)] for c in contacts]
     room = [arb(_q(_exact_room(problem, c.time, c.side))) for c in contacts]

@@ -118,10 +118,11 @@ class GridSolution:
         return self.fraction >= 1.0 and self.residual <= RESIDUAL
 
 
-def build(problem: Problem, instants: Reals, looks: Reals | None = None) -> GridProgram:
+def build(problem: Problem, instants: Reals, looks: Reals | None = None, inside: float = 0.0) -> GridProgram:
     """The program on the grid of `instants` [s], ascending from 0 to the maneuver time; raises `ShortHorizonError` if too short a time.
 
-    `looks` [s] are the instants at which the tail's limits are imposed (None: those of the problem's tail).
+    `looks` [s] are the instants at which the tail's limits are imposed (None: those of the problem's tail), tightened by the fraction
+    `inside`.
     """
     cells = len(instants) - 1
     integrated = problem.rows(instants[-1] - instants, 1)
@@ -129,9 +130,10 @@ def build(problem: Problem, instants: Reals, looks: Reals | None = None) -> Grid
     orthonormal, change = np.linalg.qr(table.T)
     if cells < len(table) or np.any(np.abs(np.diag(change)) <= cells * np.finfo(float).eps * np.linalg.norm(change, axis=0)):
         raise ShortHorizonError(f"the moment equations are dependent on {cells} intervals over {float(instants[-1])!r} s")
-    target, columns = np.linalg.solve(change.T, problem.target), np.linalg.solve(change.T, problem.tail.columns)
+    target: Reals = np.linalg.solve(change.T, problem.target).astype(np.float64)
+    columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
     at = problem.tail.looks() if looks is None else looks
-    shapes, (above, below) = problem.tail.rows(at), problem.tail.room(at)
+    shapes, (above, below) = problem.tail.rows(at), (room * (1.0 - inside) for room in problem.tail.room(at))
     return GridProgram(instants, orthonormal.T, target, change, problem.lower, problem.upper, columns, at, shapes, above, below)
 
 
@@ -161,6 +163,7 @@ def _compiled(size: int, cells: int, coefficients: int, looks: int) -> dict[str,
 def solve(program: GridProgram) -> GridSolution:
     """Maximise the reachable fraction; raises `SolverError` with the status if the solver gives no numbers."""
     import cvxpy as cp
+    from cvxpy.error import SolverError as NotSolvedError
 
     (looks, coefficients), cells = program.shapes.shape, program.rows.shape[1]
     compiled = _compiled(*program.rows.shape, coefficients, looks if coefficients else 0)
@@ -180,7 +183,7 @@ def solve(program: GridProgram) -> GridSolution:
         warnings.simplefilter("ignore")  # "solution may be inaccurate": judged below, by what is used of it
         try:
             compiled["problem"].solve(solver=cp.CLARABEL, **SETTINGS)
-        except cp.error.SolverError as problem:
+        except NotSolvedError as problem:
             raise SolverError(f"Clarabel found nothing at T = {program.maneuver_time!r} s: {problem}") from None
     status = str(compiled["problem"].status)
     if compiled["levels"].value is None or compiled["reach"].dual_value is None:
@@ -191,7 +194,9 @@ def solve(program: GridProgram) -> GridSolution:
     # `λᵀ target = 1 + what the tail's limits cost`, which is positive (the levels themselves say nothing where α = 0).
     if float(multiplier @ program.target) < 0.0:
         multiplier = -multiplier
-    prices = [np.maximum(np.asarray(compiled[name].dual_value), 0.0) for name in ("ceiling", "floor")] if coefficients else [np.zeros(looks)] * 2
+    prices = (
+        [np.maximum(np.asarray(compiled[name].dual_value), 0.0) for name in ("ceiling", "floor")] if coefficients else [np.zeros(looks)] * 2
+    )
     scale = float(multiplier @ program.target - prices[0] @ program.above - prices[1] @ program.below)
     if scale <= 0.0:
         raise SolverError(f"the multipliers at T = {program.maneuver_time!r} s vanish on the target")
@@ -200,7 +205,7 @@ def solve(program: GridProgram) -> GridSolution:
         half * float(compiled["fraction"].value) / length,
         levels,
         half * unit * compiled["tail"].value if coefficients else np.zeros(0),
-        np.linalg.solve(program.basis_change, multiplier / scale),
+        np.linalg.solve(program.basis_change, multiplier / scale).astype(np.float64),
         prices[0] / scale,
         prices[1] / scale,
         status,

@@ -1,21 +1,20 @@
 """From a bracket in floating point to a theorem: certificates are proposed here, and count only when the checker accepts them.
 
-    bracket ──► extremal, 45 digits ──► certificate of both sides        where the optimum is regular
-            ──► linear repair ──► certificate of the upper side          always
-            ──► costate of the grid ──► certificate of the lower side    always
+bracket ──► extremal, 45 digits ──► certificate of both sides        where the optimum is regular
+        ──► linear repair ──► certificate of the upper side          always
+        ──► costate of the grid ──► certificate of the lower side    always
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr
 
 from relaxations import certificates, programs
 from relaxations.bounds import Bound, Settings, Status, bracket, instants
@@ -27,7 +26,7 @@ from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.polishing import Polished, polish
 from relaxations.refinement import Extremal
-from relaxations.repair import Repaired, repair
+from relaxations.repair import Repaired, pivots, repair
 
 Reals = NDArray[np.float64]
 
@@ -225,7 +224,7 @@ def _witnesses(problem: Problem, extremal: Extremal, duration: Number, starts: N
     largest = max((abs(float(c)) for c in tail), default=0.0) or 1.0
     columns = np.hstack([slopes.sum(axis=1, keepdims=True), slopes[:, 1:], -problem.tail.columns * largest])
     columns /= np.abs(columns).max(axis=1)[:, None]
-    free = [names[i] for i in np.sort(qr(columns, pivoting=True, mode="r")[1][:size])]
+    free = [names[i] for i in np.sort(pivots(columns)[:size])]
     for radius in RADII if isinstance(duration, Fraction) else RADII[2:]:
         chains = certificates.tail_chains(problem, tail)
         yield certificates.command_witness(duration, starts, levels, chains, free, radius * float(duration))
@@ -243,14 +242,12 @@ def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: 
     return Command(float(upper), segments, Tail(problem.absolute(problem.hold), terms))
 
 
-def _repaired(
-    problem: Problem, task: dict[str, Any], near: float, settings: Settings
-) -> tuple[Proof, programs.GridSolution | None]:
+def _repaired(problem: Problem, task: dict[str, Any], near: float, settings: Settings) -> tuple[Proof, programs.GridSolution | None]:
     """The upper side by linear repair, a little beyond the minimum time; with the program it came from."""
     solution: programs.GridSolution | None = None
     for beyond in BEYOND:
         try:
-            solution = _cut(problem, instants(problem, near * (1.0 + beyond), settings))
+            solution = _cut(problem, instants(problem, near * (1.0 + beyond), settings), beyond / 4.0)
         except SolverError:
             continue
         for snap in (1e-7, 0.0) if solution.reaches else ():
@@ -267,17 +264,21 @@ def _repaired(
     return Proof(), solution
 
 
-def _cut(problem: Problem, grid: Reals) -> programs.GridSolution:
-    """The program's solution with the tail's limits imposed where its tail has extremes too: cutting planes, until they hold there."""
+def _cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
+    """The program's solution with the tail's limits imposed where its tail has extremes too: cutting planes, until they hold there.
+
+    The limits are tightened by the fraction `inside`, which is what the last cut may be off by.
+    """
     looks = problem.tail.looks()
+    solution = programs.solve(programs.build(problem, grid, looks, inside))
     for _ in range(CUTS):
-        solution = programs.solve(programs.build(problem, grid, looks))
         peaks = problem.tail.peaks(solution.tail)
         course, (above, below) = problem.tail.rows(peaks) @ solution.tail_coefficients, problem.tail.room(peaks)
         over = (course > above) | (course < -below)
         if not over.any():
             break
         looks = np.unique(np.concatenate([looks, peaks[over]]))
+        solution = programs.solve(programs.build(problem, grid, looks, inside))
     return solution
 
 

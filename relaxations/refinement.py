@@ -20,6 +20,7 @@ from relaxations.maneuvers import Problem
 Reals = NDArray[np.float64]
 
 ITERATIONS = 40
+PATTERNS = 6  # restarts with another sign pattern; two were the most that was seen to help
 MOST_SWITCHES = 1500  # the dense system for them still fits the memory, and takes seconds
 ROUNDING = 1e-11  # relative residual of the moments below which Newton may stop, as soon as it gains nothing more
 
@@ -87,9 +88,10 @@ class Extremal:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Why no extremal command came of a start."""
+    """Why no extremal command came of a start; `restart` is a costate and a time [s] whose signs are a better start, if there are any."""
 
     reason: str
+    restart: tuple[Reals, float] | None = None
 
 
 def _levels(problem: Problem, last: float, switches: int) -> Reals:
@@ -97,7 +99,7 @@ def _levels(problem: Problem, last: float, switches: int) -> Reals:
     return np.array([last if k % 2 == 0 else other for k in range(switches + 1)])
 
 
-def moment_residual(problem: Problem, levels: Reals, to_go: Reals) -> tuple[Reals, float]:
+def moment_residual(problem: Problem, levels: Reals, to_go: Reals) -> tuple[Reals, Reals]:
     """`∫ b u - target` for arcs of constant `levels` between the instants `to_go` (0 … T), and the size of the terms that cancel in it."""
     table = problem.rows(to_go, 1)
     pieces = np.diff(table, axis=1) * levels
@@ -108,8 +110,19 @@ def refine(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSta
     """Newton's method from a costate, a maneuver time [s] and a tail of the grid.
 
     Returns the extremal command, or the reason why there is none: arcs that vanish or change order, no convergence, or multipliers whose
-    signs are not the command's (the pattern is then wrong).
+    signs are not the command's. The pattern is then wrong, and the costate that Newton's method came to may have a better one: only trying
+    tells a costate that nearly touches zero from one that crosses it.
     """
+    found = _newton(problem, costate, maneuver_time, tail)
+    for _ in range(PATTERNS):
+        if isinstance(found, Extremal) or found.restart is None:
+            break
+        found = _newton(problem, *found.restart, tail)
+    return found
+
+
+def _newton(problem: Problem, costate: Reals, maneuver_time: float, tail: TailStart) -> Extremal | Failure:
+    """Newton's method with the switches that the costate's signs ask for."""
     switches = costate_roots(problem, costate, maneuver_time)
     final = float(costate @ problem.rows([switches[0] / 2 if len(switches) else maneuver_time / 2])[:, 0])
     last = problem.upper if final > 0 else problem.lower
@@ -117,7 +130,7 @@ def refine(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSta
         return Failure(f"{len(switches)} switches are more than Newton's method is tried for ({MOST_SWITCHES})")
     state = _State(problem, _levels(problem, last, len(switches)), tail.contacts)
     x = np.concatenate([switches, [maneuver_time], costate, tail.coefficients, [c.multiplier for c in tail.contacts]])
-    count, best = len(switches), np.inf
+    count, best, relative = len(switches), np.inf, np.inf
     for iteration in range(ITERATIONS):
         values, matrix, relative = state.linearise(x)
         unit = state.units(x)
@@ -130,15 +143,17 @@ def refine(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSta
         share = 1.0
         while share > 1e-3 and not _ordered(x[: count + 1] + share * step[: count + 1]):
             share /= 2
+        if not _ordered(x[: count + 1] + share * step[: count + 1]):
+            _, time, multiplier, _, _ = state.split(x)
+            return Failure(f"{count} switches: an arc vanishes in Newton's method after {iteration + 1} steps", (multiplier, time))
         x = x + share * step
-        if not _ordered(x[: count + 1]):
-            return Failure(f"{count} switches: an arc vanishes in Newton's method after {iteration + 1} steps")
     else:
         return Failure(f"{count} switches: Newton's method did not converge in {ITERATIONS} steps (relative residual {relative:.1e})")
     s, time, multiplier, coefficients, prices = state.split(x)
     found = costate_roots(problem, multiplier, time)
     if len(found) != count or (count and np.abs(found - s).max() > 1e-6 * time):
-        return Failure(f"{count} switches: the refined costate has {len(found)} sign changes elsewhere, so the pattern is not extremal")
+        reason = f"{count} switches: the refined costate has {len(found)} sign changes elsewhere, so the pattern is not extremal"
+        return Failure(reason, (multiplier, time))
     if np.any(prices < 0.0):
         return Failure(f"{count} switches: a multiplier of the tail's limits is negative, so its contacts are not extremal")
     contacts = tuple(Contact(c.time, c.side, float(mu)) for c, mu in zip(tail.contacts, prices, strict=True))
@@ -206,7 +221,9 @@ class _State:
         share = np.abs(costate) * reach
         largest = max(float(np.abs(coefficients).max(initial=0.0)), 1e-8 * (self.problem.upper - self.problem.lower))
         tails = np.full(n, largest)
-        return np.concatenate([np.full(m + 1, time), np.maximum(share, share.max() * 1e-8) / reach, tails, np.full(a, max(prices, default=1.0) or 1.0)])
+        return np.concatenate(
+            [np.full(m + 1, time), np.maximum(share, share.max() * 1e-8) / reach, tails, np.full(a, max(prices, default=1.0) or 1.0)]
+        )
 
 
 def _room(problem: Problem, contact: Contact) -> float:

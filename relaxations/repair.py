@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,11 @@ class Repaired:
     radius: float
 
 
+def pivots(matrix: Reals) -> NDArray[np.intp]:
+    """The columns in the order in which pivoted QR takes them: the first ones are the most independent."""
+    return np.asarray(cast("tuple[Any, Any]", qr(matrix, pivoting=True, mode="r"))[1])
+
+
 def repair(problem: Problem, solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     """The staircase of `solution` (α > 1) with its unknowns solved for in floating point, or None if it has too little room."""
     lower, upper = problem.lower, problem.upper
@@ -53,8 +59,8 @@ def repair(problem: Problem, solution: GridSolution, snap: float = SNAP) -> Repa
     integrated = problem.rows(solution.maneuver_time - instants, 1)
     table = integrated[:, :-1] - integrated[:, 1:]
     size, tail = problem.size, solution.tail_coefficients.copy()
-    # Rows scaled to one, columns weighted by the room they leave: pivoting then prefers unknowns that matter and may move. A tail coefficient
-    # may move as far as the tail's own room lets it.
+    # Rows scaled to one, columns weighted by the room they leave: pivoting then prefers unknowns that matter and may move. A tail
+    # coefficient may move as far as the tail's own room lets it.
     looks = problem.tail.looks()
     course, (above, below) = problem.tail.rows(looks), problem.tail.room(looks)
     slack = np.minimum(above - course @ tail, below + course @ tail) if len(tail) else np.zeros(1)
@@ -63,7 +69,7 @@ def repair(problem: Problem, solution: GridSolution, snap: float = SNAP) -> Repa
     if np.count_nonzero(weights) < size:
         return None
     scaled = np.linalg.qr((columns * weights).T)[0].T
-    free = np.sort(qr(scaled, pivoting=True, mode="r")[1][:size])
+    free = np.sort(pivots(scaled)[:size])
     values = np.concatenate([levels, tail])
     rows = np.abs(columns * np.where(values == 0.0, 1.0, np.abs(values))).sum(axis=1)
     for _ in range(3):  # iterative refinement: the residual's rounding is all that is left

@@ -15,7 +15,7 @@ Reals = NDArray[np.float64]
 
 
 def jumps(command: Command, rest: float = 0.0) -> Reals:
-    """Rows (instant [s], jump of level, jump of slope) of the segments and of the step to `tail.steady`; impulses A_k are the level jumps."""
+    """Rows (instant [s], jump of level, jump of slope) of the segments and of the step to `tail.steady`; impulses are level jumps."""
     table, level, slope, since = [], rest, 0.0, 0.0
     for segment in command.segments:
         table.append((segment.start, segment.level - (level + slope * (segment.start - since)), segment.slope - slope))
@@ -32,9 +32,7 @@ def moments(basis: Basis, command: Command, time: float, rest: float = 0.0) -> R
     return basis.rows(since, 1) @ table[:, 1] + basis.rows(since, 2) @ table[:, 2]
 
 
-def response(
-    plant: LinearPlant, command: Command, times: Sequence[float] | Reals, output: str | None = None, rest: float = 0.0
-) -> Reals:
+def response(plant: LinearPlant, command: Command, times: Sequence[float] | Reals, output: str | None = None, rest: float = 0.0) -> Reals:
     """Deviation of an output from its first rest value at `times` [s], output units; the input rests at `rest` before the command.
 
     y(t) = w M(t) + D (u(t) - rest), M summed over the command's jumps and its tail's terms; at a jump of u the value after it.

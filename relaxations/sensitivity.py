@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +17,7 @@ FARTHEST = 10.0  # relative frequency at which the search for the interval's upp
 def residual(times: ArrayLike, amplitudes: ArrayLike, frequency: ArrayLike, damping: float) -> Reals:
     """`V = |Σ A_i e^{(ζω + jω_d)(t_i - t_n)}|`, ω_d = ω √(1 - ζ²), at natural frequencies ω = `frequency` [rad/s], 0 ≤ ζ = `damping` < 1.
 
-    Impulses A_i at instants t_i [s]; the unit of V is that of the amplitudes. Singer and Seering's residual, ../docs/task.md "insensitivity".
+    Impulses A_i at instants t_i [s]; the unit of V is that of the amplitudes. Singer and Seering's residual (../docs/task.md).
     """
     t, a = np.asarray(times, dtype=float), np.asarray(amplitudes, dtype=float)
     omega = np.atleast_1d(np.asarray(frequency, dtype=float))
@@ -25,7 +26,7 @@ def residual(times: ArrayLike, amplitudes: ArrayLike, frequency: ArrayLike, damp
 
 
 def _crossing(excess: Callable[[float], float], inside: float, outside: float) -> float:
-    return inside if excess(inside) >= 0.0 else brentq(excess, inside, outside, xtol=1e-14)
+    return inside if excess(inside) >= 0.0 else float(cast(float, brentq(excess, inside, outside, xtol=1e-14)))
 
 
 def insensitivity(times: ArrayLike, amplitudes: ArrayLike, frequency: float, damping: float, level: float) -> float:
@@ -46,6 +47,6 @@ def insensitivity(times: ArrayLike, amplitudes: ArrayLike, frequency: float, dam
         if not len(over):
             return end
         first = over[0]
-        return 1.0 if first == 0 else _crossing(excess, grid[first - 1], grid[first])
+        return 1.0 if first == 0 else _crossing(excess, float(grid[first - 1]), float(grid[first]))
 
     return edge(FARTHEST) - edge(0.0)

@@ -1,4 +1,4 @@
-"""The tail: after the move the input may decay along the plant's stable zeros, which the output does not see (../docs/theory.md, section 1).
+"""The tail: after the move the input may decay along the plant's stable zeros, unseen by the output (../docs/theory.md, section 1).
 
 A tail is `u_ss + Σ Re(c r^l/l! e^{zr})`, r the time since the end of the move, over the zeros z left of the imaginary axis and the powers
 l below their multiplicity. Its real coefficients (one for a real zero, two for a complex pair) enter every equation linearly.
@@ -24,7 +24,7 @@ LOOKS = 400  # instants a tail is looked at, before the cutting planes
 
 @dataclass(frozen=True, slots=True)
 class TailLength:
-    """From `time` [s] after the move on, the tail stays within the fraction `within` of the nearer limit's distance from the final rest input."""
+    """From `time` [s] after the move on, the tail stays within the fraction `within` of the nearer limit's distance from the final rest."""
 
     time: float
     within: float

@@ -24,7 +24,7 @@ AS_JSON = click.option("--json", "as_json", is_flag=True, help="Write one JSON o
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="slewcert")
+@click.version_option(package_name="slewcert", prog_name="slewcert")
 def main() -> None:
     """Move flexible machines fast, and say how fast that can be: design, co-simulate, judge, leave evidence."""
     for stream in (sys.stdout, sys.stderr):  # a sign that the terminal lacks becomes "?", not a traceback

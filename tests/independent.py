@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,21 +38,21 @@ class StateSpace:
         """(x_ss, u_ss) with `A x + B u = 0`, `C x + D u = displacement`."""
         matrix = np.block([[self.A, self.B[:, None]], [self.C[None, :], np.array([[self.D]])]])
         solution = np.linalg.solve(matrix, np.append(np.zeros(len(self.B)), displacement))
-        return solution[:-1], float(solution[-1])
+        return np.asarray(solution[:-1], dtype=np.float64), float(solution[-1])
 
     def step(self, width: float) -> tuple[Reals, Reals, Reals]:
         """Exact transition over `width` [s]: of the state, of a constant input, of a ramp of slope 1."""
         n = len(self.B)
         matrix = np.zeros((n + 2, n + 2))
         matrix[:n, :n], matrix[:n, n], matrix[n, n + 1] = self.A, self.B, 1.0
-        result = expm(matrix * width)
+        result = np.asarray(expm(matrix * width), dtype=np.float64)
         return result[:n, :n], result[:n, n], result[:n, n + 1]
 
     def states(self, command: Command, times: Reals, rest: float = 0.0) -> Reals:
-        """x at `times` [s] from x = 0, shape (len(times), n): one matrix exponential for each piece. The tail must not decay (use `integrate`)."""
+        """x at `times` [s] from x = 0, shape (len(times), n): a matrix exponential for each piece. No decaying tail (use `integrate`)."""
         points = np.unique(np.concatenate([[0.0], command.breakpoints, times]))
         states = {0.0: np.zeros(len(self.B))}
-        for a, b in zip(points, points[1:], strict=False):
+        for a, b in itertools.pairwise(points):
             middle = float(command((a + b) / 2, rest)) - rest
             slope = (float(command(a + 0.75 * (b - a), rest)) - float(command(a + 0.25 * (b - a), rest))) / (0.5 * (b - a))
             transition, constant, ramp = self.step(b - a)
@@ -65,7 +66,7 @@ class StateSpace:
         """y at `times` [s], tail included, by an adaptive Runge-Kutta method of order 8 that restarts at every breakpoint."""
         points = np.unique(np.concatenate([[0.0], command.breakpoints, times]))
         states = {0.0: np.zeros(len(self.B))}
-        for a, b in zip(points, points[1:], strict=False):
+        for a, b in itertools.pairwise(points):
             last = float(command(np.nextafter(b, a), rest)) - rest
 
             def slope(t: float, x: Reals, b: float = b, last: float = last) -> Reals:
@@ -76,7 +77,7 @@ class StateSpace:
 
 
 def reachable_fraction(plant: StateSpace, displacement: float, lower: float, upper: float, time: float, cells: int) -> float:
-    """The largest α such that a staircase of `cells` equal steps within the limits (deviations) reaches α of the rest in `time` [s], by HiGHS."""
+    """The largest α such that a staircase of `cells` equal steps within the limits (deviations) reaches α of the rest in `time` [s]."""
     target, _ = plant.rest(displacement)
     transition, constant, _ = plant.step(time / cells)
     columns, column = np.zeros((len(target), cells)), constant

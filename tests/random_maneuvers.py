@@ -34,7 +34,7 @@ class Random:
 
 
 def random_maneuver(seed: int) -> Random:
-    """0 to 2 integrators, 0 to 2 flexible modes (undamped, light or heavy), 0 to 2 real poles, 0 or 1 zero; limits on both sides of both rests."""
+    """0 to 2 integrators, 0 to 2 flexible modes (undamped, light or heavy), 0 to 2 real poles, 0 or 1 zero; limits around both rests."""
     rng = np.random.default_rng([2024, seed])
 
     def decimal(low: float, high: float) -> Fraction:
@@ -54,9 +54,12 @@ def random_maneuver(seed: int) -> Random:
     limits = (-decimal(0.2, 2.0), decimal(0.2, 2.0))
     rest = (limits[0] + limits[1]) / 2 if rng.random() < 0.3 else zero
     plant = LinearPlant.from_zeros_poles(zeros, poles, gain)
-    displacement = decimal(0.1, 10.0) * (1 if rng.random() < 0.7 else -1)
-    if not plant.rigid_order:  # the final rest input is at most nine tenths of the way to a limit
-        hold = decimal(0.05, 0.9) * ((limits[1] if displacement > 0 else limits[0]) - rest)
+    forward = rng.random() < 0.7
+    if plant.rigid_order:  # about as far as the rigid body comes in 1 to 12 s
+        reach = plant.partial().residues[0][-1].real * float(limits[1] if forward else limits[0])
+        displacement = Fraction(f"{reach * (float(decimal(1.0, 12.0)) / plant.rigid_order) ** plant.rigid_order:.3g}")
+    else:  # the final rest input is at most nine tenths of the way to a limit
+        hold = decimal(0.05, 0.9) * ((limits[1] if forward else limits[0]) - rest)
         displacement = hold / plant.rest_input(Fraction(1))
     robustness = int(rng.random() < 0.2)
     return Random(seed, tuple(zeros), tuple(poles), gain, displacement, limits, rest, robustness)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -83,12 +84,12 @@ def test_a_little_less_force_takes_longer_and_a_little_more_is_faster(known: Kno
 
 def test_a_little_further_takes_longer():
     times = [upper_of(bracketed(two_mass(), d)) for d in ("0.999", 1, "1.001", 5, "5.001")]
-    assert all(a < b for a, b in zip(times, times[1:], strict=False))
+    assert all(a < b for a, b in itertools.pairwise(times))
 
 
 def test_more_robust_takes_longer():
     times = [upper_of(bracket(replace(FACTS[0], robustness=n).problem())) for n in (0, 1, 2, 3)]
-    assert all(a < b for a, b in zip(times, times[1:], strict=False))
+    assert all(a < b for a, b in itertools.pairwise(times))
 
 
 def test_two_plants_take_longer_than_either():
@@ -209,7 +210,9 @@ def test_awkward_plants_are_bracketed(name: str):
     assert found.gap <= gap
     assert found.switches is not None, found.reason
     assert found.command is not None
-    assert lower_bound(problem([plant], Maneuver(exact(displacement), Limits.of(-1, 1))), found.costate, found.lower) <= upper_of(found) * (1 + gap)
+    assert lower_bound(problem([plant], Maneuver(exact(displacement), Limits.of(-1, 1))), found.costate, found.lower) <= upper_of(found) * (
+        1 + gap
+    )
 
 
 @pytest.mark.parametrize(("lower", "upper"), [("-0.3", "0.7"), ("-0.001", 1), (-1, "0.001")])

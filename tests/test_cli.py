@@ -33,13 +33,9 @@ def object_of(text: str) -> dict[str, Any]:
 
 # Bad input
 
-FOREIGN = (
-    '[plant]\nfmu = "foreign.fmu"\ninput = "force"\noutput = "position_2"\n[maneuver]\ndisplacement = 5.0\n[limits]\ninput = [-1, 1]\n'
-)
-TRANSFER = "[plant]\nnumerator = {}\ndenominator = {}\n[maneuver]\ndisplacement = 1\n[limits]\ninput = [{}]\n"
-HIDDEN_FROM_INPUT = (
-    "[plant]\nA = [[0,1,0],[0,0,0],[0,0,{}]]\nB = [0,1,0]\nC = [1,0,1]\n[maneuver]\ndisplacement = 1\n[limits]\ninput = [-1, 1]\n"
-)
+TASK = "[maneuver]\ndisplacement = {}\n[limits]\ninput = [{}]\n"
+FOREIGN = '[plant]\nfmu = "foreign.fmu"\ninput = "force"\noutput = "position_2"\n' + TASK.format("5.0", "-1, 1")
+TRANSFER = "[plant]\nnumerator = {}\ndenominator = {}\n" + TASK.format("1", "{}")
 
 BAD = {
     "unknown key": (SPRING + "[command]\nrobustnes = 1\n", ["command.robustnes = 1", 'did you mean "robustness"']),
@@ -58,8 +54,7 @@ BAD = {
     "wrong causality": (SPRING.replace('"force"', '"position_1"'), ["plant.input", "causality output"]),
     "zero at the origin": (TRANSFER.format("[1, 0]", "[1, 1, 1]", "-1, 1"), ["zero"]),
     "improper": (TRANSFER.format("[1, 0, 0]", "[1, 1]", "-1, 1"), ["improper"]),
-    "hidden mode that grows": (HIDDEN_FROM_INPUT.format(1), ["hidden"]),
-    "not TOML": ("[plant", ["TOML", "line 1"]),
+    "not TOML": ("title == 1", ["TOML", "line 1"]),
     "nothing": ("", ["[plant] is missing", "[maneuver] is missing", "[limits] is missing"]),
     "requirement without a limit": (SPRING + requirement(max=""), ["requirement[1]", "no limit"]),
     "unsupported": (SPRING + "[limits.deflection]\nspring = 1\n", ["limits.deflection", "not supported by this version"]),
@@ -97,6 +92,19 @@ def test_bad_input_is_named_and_leaves_nothing(
         assert (done.exit_code, done.stdout) == (2, "")
         assert [word for word in words if word not in done.stderr] == [], done.stderr
         assert sorted(os.listdir()) == before
+
+
+def test_a_mode_that_the_input_cannot_excite_is_dropped_and_one_that_the_output_cannot_see_is_brought_to_rest(tmp_path: Path) -> None:
+    file = tmp_path / "study.toml"
+    beside = "[plant]\nA = [[0,1,0,0],[0,0,0,0],[0,0,0,1],[0,0,-1,0]]\nB = [0,1,0,{}]\nC = [1,0,{},0]\n" + TASK.format(1, "-1, 1")
+    file.write_text(beside.format(0, 1))
+    done = run("bound", file)
+    assert done.exit_code == 0
+    assert "note: " in done.stdout
+    assert "minimum time: [1.99999999" in done.stdout or "minimum time: [2.0" in done.stdout, "the double integrator's own"
+    file.write_text(beside.format(1, 0))
+    lower = json.loads(run("bound", file, "--json").stdout)["maneuver_time"]["lower"]
+    assert lower > 2.1, "resting the mode costs time, seen or not"
 
 
 def test_all_mistakes_come_at_once(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from dataclasses import FrozenInstanceError
@@ -56,14 +57,15 @@ def test_fuel_is_the_integral_of_the_distance_from_rest(rest: float):
     pieces = [(*BANG_BANG.breakpoints, BANG_BANG), (*SLOPING.breakpoints, SLOPING)]
     for *points, command in pieces:
         # Trapezoids on 60 000 points: exact on straight pieces, but for the cells with a kink, at most 3 of (5e-5)² · slope.
-        fine = np.unique(np.concatenate([np.linspace(a, math.nextafter(b, a), 20_000) for a, b in zip(points, points[1:], strict=False)]))
+        fine = np.unique(np.concatenate([np.linspace(a, math.nextafter(b, a), 20_000) for a, b in itertools.pairwise(points)]))
         values = np.abs(command(fine, rest) - rest)
         assert command.fuel(rest) == pytest.approx(float(np.trapezoid(values, fine)), abs=2e-8)
 
 
 def test_fuel_with_slopes_by_quadrature():
     exact = sum(
-        quad(lambda t: abs(float(SLOPING(t))), a, b, points=[1.5] if a < 1.5 < b else None)[0] for a, b in [(0.5, 2.0), (2.0, 3.0), (3.0, 3.5)]
+        quad(lambda t: abs(float(SLOPING(t))), a, b, points=[1.5] if a < 1.5 < b else None)[0]
+        for a, b in [(0.5, 2.0), (2.0, 3.0), (3.0, 3.5)]
     )
     assert SLOPING.fuel() == pytest.approx(exact, rel=1e-9)
 

@@ -69,7 +69,9 @@ def test_the_slope_of_the_fraction_is_the_costate_at_the_horizon():
 def test_units_of_time_do_not_matter(unit: float):
     # ω → ω/unit and gain → gain/unit⁴ … is the same plant with a clock that counts in other units.
     k = exact(unit) ** 2
-    slow = LinearPlant.from_state_space([[0, 0, 1, 0], [0, 0, 0, 1], [-1 / k, 1 / k, 0, 0], [1 / k, -1 / k, 0, 0]], [0, 0, 1 / k, 0], [0, 1, 0, 0])
+    slow = LinearPlant.from_state_space(
+        [[0, 0, 1, 0], [0, 0, 0, 1], [-1 / k, 1 / k, 0, 0], [1 / k, -1 / k, 0, 0]], [0, 0, 1 / k, 0], [0, 1, 0, 0]
+    )
     reference = solved(problem([two_mass()], Maneuver(exact(1), Limits.of(-1, 1))), 4.0)
     scaled = solved(problem([slow], Maneuver(exact(1), Limits.of(-1, 1))), 4.0 * unit)
     assert scaled.fraction == pytest.approx(reference.fraction, rel=SOLVER)

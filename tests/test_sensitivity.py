@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from math import comb, exp, pi, sqrt
 
 import numpy as np
@@ -78,4 +79,4 @@ def test_the_interval_is_the_connected_one_around_the_mode():
 def test_a_looser_level_never_narrows_the_interval():
     times, amplitudes = derivative_shaper(2)
     widths = [insensitivity(times, amplitudes, 1.0, 0.0, level) for level in np.linspace(0.01, 0.9, 30)]
-    assert all(a < b for a, b in zip(widths, widths[1:], strict=False))
+    assert all(a < b for a, b in itertools.pairwise(widths))

@@ -4,27 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from click.testing import CliRunner, Result
-from fault_plants import FAULT_TIME, FAULTS, build_fault
 from small_studies import KEEP_ALL, SHIPPED, digests, results, run_table, small_study
 
-from fmus.stepping import Experiment, Outcome
-from fmus.workers import Worker
 from reports import logs, manifest
-from suite import campaign
 from suite.cli import main
 from suite.errors import StudyError
-from suite.folders import FolderError
 from suite.review import ReviewStatus, review
 from suite.study import load_study
-from suite.verdicts import Verdict
 from suite.verification import MOST_POINTS, verify
 
 
@@ -124,103 +115,6 @@ def test_fmi_2_and_3_of_the_plant_give_the_same_results(tmp_path: Path, fmu: str
             assert again == pytest.approx(entry["value"], rel=1e-9, abs=1e-9), (name, quantity)
 
 
-# An FMU that fails
-
-MESSAGES = {
-    "abort": ("crashed", "SIGABRT"),
-    "discard": ("discard", "Discard"),
-    "error": ("error", "Error"),
-    "fatal": ("fatal", "Fatal"),
-    "fixed_step": ("failed", "steps of one size only"),
-    "hang": ("hung", "no answer within"),
-    "nan": ("not_finite", "nan"),
-    "quit": ("exited", "exit code"),
-    "segfault": ("crashed", "SIGSEGV"),
-    "terminate": ("terminated", ""),
-    "warning": ("warning", "the warning that was asked for"),
-}
-
-
-def test_every_fault_is_known_here() -> None:
-    assert set(FAULTS) - set(MESSAGES) == {"flood"}, "which only prints, and finishes"
-
-
-@pytest.mark.parametrize("fault", sorted(MESSAGES))
-def test_an_fmu_that_fails_is_an_error_that_names_the_run_and_no_pass(tmp_path: Path, fault: str) -> None:
-    file = small_study(tmp_path, samples=2, fmu=str(build_fault(fault)))
-    if fault == "hang":
-        file.write_text(file.read_text().replace("timeout = 20", "timeout = 0.5"))
-    done = run("verify", file, "--out", tmp_path / "out", "--jobs", "2", "--json")
-    assert done.exit_code == 3
-    record = json.loads(done.stdout)
-    assert record["verdict"] == "error"
-    assert record["runs"] == {"total": 3, "passed": 0, "failed": 0, "errors": 3}
-    assert [(entry["verdict"], entry["worst_run"], entry["value"]) for entry in record["requirements"]] == [
-        ("error", "0000-nominal", None)
-    ] * 2
-    status, words = MESSAGES[fault]
-    rows = run_table(tmp_path / "out")
-    assert {(row["status"], row["verdict"]) for row in rows.values()} == {(status, "error")}
-    for name, row in rows.items():
-        assert words in row["detail"]
-        assert f"run {name}: " in done.stderr
-        log = logs.read_log(tmp_path / "out" / f"runs/{name}.mcap")
-        assert log.verdict == {"verdict": "error", "quantities": "{}"}
-        if fault not in ("fixed_step", "warning"):  # the one never starts, the other reaches the end
-            assert log.signal("/plant/output").times[-1] == pytest.approx(FAULT_TIME, abs=0.1), "as far as it got"
-    cases = list(ElementTree.parse(tmp_path / "out" / "junit.xml").iter("testcase"))
-    assert [[child.tag for child in case if child.tag in ("failure", "error")] for case in cases] == [["error"]] * 2
-    assert "run 0000-nominal could not be finished" in results(tmp_path / "out")["requirements"][0]["reason"]
-    assert review(tmp_path / "out").status is ReviewStatus.CONFIRMED, "what is recorded is what happened"
-
-
-def test_one_run_that_crashes_costs_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    crashing = build_fault("segfault")
-
-    class Treacherous(Worker):
-        def run(self, experiment: Experiment, timeout: float) -> Outcome:
-            bad = experiment.parameters["stiffness"] == pytest.approx(0.9)
-            return super().run(replace(experiment, fmu=crashing) if bad else experiment, timeout)
-
-    monkeypatch.setattr(campaign, "Worker", Treacherous)
-    done = run("verify", small_study(tmp_path, samples=5), "--out", tmp_path / "out", "--jobs", "1")
-    assert done.exit_code == 3
-    verdicts = {name: row["verdict"] for name, row in run_table(tmp_path / "out").items()}
-    assert verdicts == {"0000-nominal": "pass", "0001": "pass", "0002": "error", "0003": "pass", "0004": "pass"}
-    assert "ERROR  RESIDUAL: run 0002 could not be finished: SIGSEGV" in done.stdout
-    assert "5 in all, 4 passed, 0 failed, 1 in error" in done.stdout
-    found = {entry["id"]: entry["verdict"] for entry in results(tmp_path / "out")["requirements"]}
-    assert found == {"RESIDUAL": "error", "TIME": "pass"}, "TIME is about the nominal run only"
-
-
-def test_a_fail_beside_an_error_is_a_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    crashing = build_fault("segfault")
-
-    class Treacherous(Worker):
-        def run(self, experiment: Experiment, timeout: float) -> Outcome:
-            return super().run(replace(experiment, fmu=crashing) if experiment.parameters["stiffness"] == 1.2 else experiment, timeout)
-
-    monkeypatch.setattr(campaign, "Worker", Treacherous)
-    done = run("verify", small_study(tmp_path, samples=2, limit=0.01), "--out", tmp_path / "out")
-    assert done.exit_code == 1
-    assert "run 0002 could not be finished: SIGSEGV" in done.stdout
-
-
-def test_an_error_that_no_requirement_looks_at_is_one_still(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    crashing = build_fault("segfault")
-
-    class Treacherous(Worker):
-        def run(self, experiment: Experiment, timeout: float) -> Outcome:
-            return super().run(replace(experiment, fmu=crashing) if experiment.parameters["stiffness"] == 1.2 else experiment, timeout)
-
-    monkeypatch.setattr(campaign, "Worker", Treacherous)
-    file = small_study(tmp_path, samples=2)
-    file.write_text(file.read_text().replace("max = 0.5", 'max = 0.5\nscope = "nominal"'))
-    done = verify(load_study(file), tmp_path / "out")
-    assert done.verdict is Verdict.ERROR
-    assert review(tmp_path / "out").status is ReviewStatus.CONFIRMED
-
-
 # Undecided
 
 
@@ -265,129 +159,6 @@ def test_every_log_of_a_run_that_did_not_pass_is_kept(tmp_path: Path) -> None:
 def test_all_logs_are_kept_where_asked(tmp_path: Path) -> None:
     verify(load_study(small_study(tmp_path, KEEP_ALL, samples=5)), tmp_path / "out")
     assert len(digests(tmp_path / "out", "runs/*.mcap")) == 5
-
-
-# Folders
-
-
-@pytest.fixture
-def begun(verified: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(verified, tmp_path / "out"))
-
-
-def test_an_existing_folder_is_left_as_it_is(begun: Path) -> None:
-    before = digests(begun)
-    done = run("verify", SHIPPED / "two_mass.toml", "--out", begun)
-    assert (done.exit_code, done.stdout) == (2, "")
-    assert "--resume" in done.stderr
-    assert "--force" in done.stderr
-    assert digests(begun) == before
-
-
-def test_force_replaces_it(begun: Path, tmp_path: Path) -> None:
-    done = run("verify", small_study(tmp_path, samples=0), "--out", begun, "--force")
-    assert done.exit_code == 0
-    assert list(run_table(begun)) == ["0000-nominal"]
-    assert review(begun).status is ReviewStatus.CONFIRMED, "nothing of the former campaign is left"
-
-
-def test_resume_of_another_study_is_refused(begun: Path, tmp_path: Path) -> None:
-    before = digests(begun)
-    done = run("verify", small_study(tmp_path, samples=0), "--out", begun, "--resume")
-    assert done.exit_code == 2
-    assert "another study" in done.stderr
-    assert digests(begun) == before
-
-
-def precious(folder: Path) -> None:
-    (folder / "precious.txt").write_text("irreplaceable")
-
-
-def project(folder: Path) -> None:
-    """What people have in a project's folder: names that evidence has, too."""
-    (folder / "study.toml").write_text('title = "mine"')
-    (folder / "manifest.json").write_text('{"name": "a web application"}')
-    (folder / "runs").mkdir()
-    (folder / "runs" / "0001.mcap").write_bytes(b"a recording of theirs")
-
-
-@pytest.mark.parametrize("option", ["--force", "--resume"])
-@pytest.mark.parametrize("fill", [precious, project])
-def test_a_foreign_folder_is_never_touched(tmp_path: Path, fill: Callable[[Path], None], option: str) -> None:
-    folder = tmp_path / "theirs"
-    folder.mkdir()
-    fill(folder)
-    before = digests(folder)
-    done = run("verify", small_study(tmp_path, samples=0), "--out", folder, option)
-    assert done.exit_code == 2
-    assert "no evidence of ours" in done.stderr
-    assert digests(folder) == before
-
-
-@pytest.mark.parametrize("place", ["notes.txt", "runs/extra/0001.mcap", "plant/model.fmu"])
-def test_what_somebody_put_into_evidence_is_not_deleted(begun: Path, place: str) -> None:
-    path = begun / place
-    path.parent.mkdir(exist_ok=True)
-    path.write_text("irreplaceable")
-    before = digests(begun)
-    done = run("verify", SHIPPED / "two_mass.toml", "--out", begun, "--force")
-    assert done.exit_code == 2
-    assert place in done.stderr
-    assert digests(begun) == before
-
-
-def test_the_studys_own_folder_can_not_be_the_evidences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = small_study(tmp_path, samples=0)
-    precious(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    for options in ((), ("--force",), ("--resume",)):
-        assert run("verify", "study.toml", "--out", ".", *options).exit_code == 2
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["precious.txt", file.name]
-
-
-def test_evidence_may_be_replaced_from_within_and_by_its_own_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    verify(load_study(small_study(tmp_path, samples=0)), tmp_path / "out")
-    monkeypatch.chdir(tmp_path / "out")
-    assert run("verify", "study.toml", "--out", ".", "--force").exit_code == 0
-    assert review(tmp_path / "out").status is ReviewStatus.CONFIRMED
-
-
-def test_a_link_is_followed_to_the_folder_and_its_target_stays(tmp_path: Path) -> None:
-    verify(load_study(small_study(tmp_path, samples=0)), tmp_path / "out")
-    (tmp_path / "link").symlink_to(tmp_path / "out")
-    verify(load_study(small_study(tmp_path, samples=2)), tmp_path / "link", force=True)
-    assert (tmp_path / "link").is_symlink()
-    assert len(run_table(tmp_path / "out")) == 3
-
-
-def test_the_folder_is_refused_before_anything_is_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from suite import verification
-
-    (tmp_path / "out").mkdir()
-    precious(tmp_path / "out")
-    monkeypatch.setattr(verification, "design", lambda study: pytest.fail("the design takes its time"))
-    with pytest.raises(FolderError):
-        verify(load_study(small_study(tmp_path, samples=0)), tmp_path / "out", force=True)
-
-
-@pytest.mark.parametrize("out", ["a file", "a file/sub"])
-def test_a_file_in_the_way_is_refused(tmp_path: Path, out: str) -> None:
-    (tmp_path / "a file").write_text("irreplaceable")
-    done = run("verify", small_study(tmp_path, samples=0), "--out", tmp_path / out, "--force")
-    assert done.exit_code == 2
-    assert "a file" in done.stderr
-    assert (tmp_path / "a file").read_text() == "irreplaceable"
-
-
-def test_missing_parents_are_made_and_names_may_be_anything(tmp_path: Path) -> None:
-    home = tmp_path / "Ünïcode and spaces 日本"
-    home.mkdir()
-    file = small_study(home, samples=0, name="meine Stüdie.toml")
-    done = run("verify", file, "--out", home / "a" / "b c", "--json")
-    assert done.exit_code == 0
-    folder = Path(json.loads(done.stdout)["evidence"])
-    assert folder == home / "a" / "b c"
-    assert run("review", folder).exit_code == 0
 
 
 # Refused before anything is written

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import comb, factorial
+from typing import cast
 
 import flint
 from flint import acb, arb, fmpq, fmpq_poly
@@ -49,7 +50,8 @@ class Root:
 def roots(polynomial: fmpq_poly) -> tuple[Root, ...]:
     """All distinct roots with Im ≥ 0 and their exact multiplicities (square-free factorisation, then certified isolation)."""
     found = []
-    for value, multiplicity in polynomial.complex_roots() if polynomial.degree() > 0 else ():
+    isolated = cast("list[tuple[acb, int]]", polynomial.complex_roots() if polynomial.degree() > 0 else [])
+    for value, multiplicity in isolated:
         if value.imag.is_zero():
             found.append(Root(value, multiplicity, False))
         elif value.imag > 0:
@@ -145,7 +147,9 @@ def _with_zeros(found: tuple[Root, ...], extra: dict[str, int]) -> tuple[Root, .
             if count and not alike and any(abs(root.value).overlaps(abs(other.value)) for other in neighbours):
                 raise Inconclusive("two modes have the same frequency: their order is not defined")
             result[id(root)] = Root(root.value, root.multiplicity + count, root.flexible)
-        if unknown := [name for name in extra if name.startswith(f"{kind}[") and name not in {f"{kind}[{i}]" for i in range(1, len(family) + 1)}]:
+        if unknown := [
+            name for name in extra if name.startswith(f"{kind}[") and name not in {f"{kind}[{i}]" for i in range(1, len(family) + 1)}
+        ]:
             raise Malformed(f"the plant has no {unknown[0]}")
     if unknown := [name for name in extra if not name.startswith(("mode[", "real["))]:
         raise Malformed(f"no mode is called {unknown[0][:40]}")

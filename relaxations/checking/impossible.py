@@ -28,7 +28,10 @@ def prove(task: Task, plants: Sequence[Plant], form: str, witness: LowerWitness 
             rigid = max((root.multiplicity for root in plant.roots if root.at_origin), default=0)
             if rigid >= 2 and (lower == 0 or upper == 0):
                 return
-        elif plant.rest_input in (lower, upper) and plant.rest_input != 0:
-            if any(not root.flexible and root.value.real < 0 for root in plant.roots):
-                return
+        elif (
+            plant.rest_input in (lower, upper)
+            and plant.rest_input != 0
+            and any(not root.flexible and root.value.real < 0 for root in plant.roots)
+        ):
+            return
     raise Inconclusive(f"the criterion '{form}' does not apply to this task")

@@ -1,6 +1,6 @@
 """The lower side: weak duality (docs/theory.md, equation 2) with the integral of σ(p) bounded from above, its sign changes isolated.
 
-    λᵀ target > ∫_0^T σ(p) ds + Σ μ⁺ (upper - u_ss) - μ⁻ (lower - u_ss)   ⇒   no admissible command takes T or less
+λᵀ target > ∫_0^T σ(p) ds + Σ μ⁺ (upper - u_ss) - μ⁻ (lower - u_ss)   ⇒   no admissible command takes T or less
 """
 
 from __future__ import annotations

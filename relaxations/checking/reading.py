@@ -208,7 +208,9 @@ def _task(data: Any) -> Task:
     plants = tuple(_plant(item) for item in _list(found["plants"], "task.plants", 1))
     if len(pair) != 2 or not plants:
         raise Malformed("task.limits.input has two numbers, task.plants one plant")
-    task = Task(plants, real(found["displacement"]), found["rest"] == "output", real(pair[0]), real(pair[1]), real(found["initial_input"]), length)
+    task = Task(
+        plants, real(found["displacement"]), found["rest"] == "output", real(pair[0]), real(pair[1]), real(found["initial_input"]), length
+    )
     if not task.lower_limit < task.upper_limit or task.displacement == 0:
         raise Malformed("limits ascend, and the displacement is not 0")
     return task

@@ -1,5 +1,5 @@
 """The upper side: a command that provably exists. Some of its numbers (instants, levels, tail coefficients, the duration) are unknowns;
-Krawczyk's test proves that exact values lie near those written, at which the plant comes to rest, and the limits are checked on their balls.
+Krawczyk's test proves that exact values lie near those written, where the plant comes to rest, and the limits are checked on their balls.
 
 One mechanism serves commands refined to exact switch times and staircases repaired on a grid (docs/theory.md, section 4).
 """
@@ -230,7 +230,7 @@ class _Tail:
 
 
 def _tail_limits(task: Task, zeros: tuple[Root, ...], values: Values, rest: fmpq, touch: fmpq | None) -> None:
-    """The tail within its limits for ever: on [0, far] by subdivision, beyond as `settled` says; `touch` is its first value if that is exact."""
+    """The tail within its limits for ever: on [0, far] by subdivision, beyond as `settled` says; `touch` is its first value if exact."""
     if not any(not c.is_zero() for chain in values.tail for c in chain):
         return
     tail = _Tail(zeros, values.tail)
@@ -299,7 +299,7 @@ def prove(task: Task, plants: Sequence[Plant], witness: UpperWitness, time: fmpq
 
 
 def _first_value(task: Task, plant: Plant) -> fmpq | None:
-    """u(0+) - u_ss of a command that is all tail: the output jumps to its target through the feed-through at once, `u = u_0 + Δ/D`, exact."""
+    """u(0+) - u_ss of a command that is all tail: the output jumps to its target through the feed-through, `u = u_0 + Δ/D`, exact."""
     (data,) = task.plants
     return task.displacement / data.numerator[-1] - plant.rest_input if len(data.numerator) == len(data.denominator) else None
 
