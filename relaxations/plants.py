@@ -87,7 +87,7 @@ class Pole:
     @property
     def damping_ratio(self) -> float:
         """ζ = -Re p / |p|; 0 for a rigid-body mode."""
-        return -self.value.real / abs(self.value) if self.value else 0.0
+        return (0.0 - self.value.real) / abs(self.value) if self.value else 0.0  # 0.0 - x: never -0.0
 
 
 def _isolated(polynomial: fmpq_poly) -> list[tuple[acb, int]]:

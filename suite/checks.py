@@ -44,9 +44,8 @@ class Checked:
         lines = [f"{self.path}"]
         if found.certificate is not None:
             lines.append(claim(found.certificate))
-        lines.append(
-            f"Trust base: python-flint {importlib.metadata.version('python-flint')}, CPython {platform.python_version()}, {size()} lines of checker."
-        )
+        versions = f"python-flint {importlib.metadata.version('python-flint')}, CPython {platform.python_version()}"
+        lines.append(f"Trust base: {versions}, {size()} lines of checker.")
         if self.study is not None:
             lines.append(f"Study: {self.study}" + (f" ({self.why})" if self.why else ""))
         reason = f": {found.reason}" if found.reason else ""

@@ -134,7 +134,8 @@ def bound(studies: tuple[Path, ...], certificate: Path | None, as_json: bool) ->
 def check(files: tuple[Path, ...], study: Path | None, as_json: bool) -> None:
     """Verify certificates, or those of evidence folders, independently of the solver, and print what they claim.
 
-    Exit code 0: proved; 1: refuted, or about another study; 2: malformed; 3: inconclusive. Of several files the worst, in the order 2, 1, 3, 0.
+    Exit code 0: proved; 1: refuted, or about another study; 2: malformed; 3: inconclusive.
+    Of several files the worst counts, in the order 2, 1, 3, 0.
     """
     from suite.checks import ORDER, check_path
 

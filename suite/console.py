@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -144,14 +145,24 @@ def show_collection(table: Sequence[Bracketed]) -> None:
     for done in table:
         bound, plant = done.design.bound, done.design.plant
         zeros = sum(zero.multiplicity * (2 if zero.is_flexible else 1) for zero in plant.zeros)
-        sides = ("–", "–") if done.impossible else (f"{bound.lower:.12f}", "–" if bound.upper is None else f"{bound.upper:.12f}")
+        sides = ("–", "–") if done.impossible else (_outward(bound.lower, ROUND_FLOOR), _outward(bound.upper, ROUND_CEILING))
         gap = "–" if done.impossible or bound.gap is None else f"{bound.gap:.1e}"
         switches = "–" if bound.switches is None else str(bound.switches)
-        row = (done.study.file.stem, str(plant.order), str(zeros), switches, *sides, gap, bound.status.name.lower(), f"{1000 * bound.seconds:.0f}")
+        ends = (gap, bound.status.name.lower(), f"{1000 * bound.seconds:.0f}")
+        row = (done.study.file.stem, str(plant.order), str(zeros), switches, *sides, *ends)
         shown.add_row(*map(escape, row))
     console.print(shown)
     proved = sum(done.design.bound.status.name != "BRACKETED" for done in table)
     console.print(f"{len(table)} studies, {proved} proven")
+
+
+def _outward(value: float | None, rounding: str) -> str:
+    """12 decimals, of small numbers 13 digits, rounded so that a bound stays one."""
+    if value is None:
+        return "–"
+    exact = Decimal(value)
+    decimals = max(12, 12 - exact.adjusted()) if exact < Decimal("0.1") and exact else 12
+    return f"{exact.quantize(Decimal(1).scaleb(-decimals), rounding):f}"
 
 
 def _show_bracket(console: Console, bound: Mapping[str, Any]) -> None:

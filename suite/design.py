@@ -50,6 +50,9 @@ def design(study: Study) -> Design:
     bound = minimum_time(posed)
     command = study.command.given or bound.command
     if command is not None and study.command.start:
+        if not command.segments:
+            why = "the command is a tail alone, without a segment whose start could be shifted; leave it out"
+            raise StudyError(str(study.file), [Mistake("command.start", study.command.start, why)])
         command = command.shifted(float(study.command.start))
     return Design(plant, posed, bound, command)
 

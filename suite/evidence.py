@@ -33,7 +33,7 @@ UNPROVEN = (
 )
 NO_REQUIREMENT = "The study has no requirement: the command was run and measured, but nothing was judged."
 TRUST_BASE = (
-    "For the bracket: python-flint {flint} (ball arithmetic), CPython {python}, and {lines} lines of checker, which share no code with the solver.",
+    "For the bracket: python-flint {flint}, CPython {python}, {lines} lines of checker that share nothing with what solves.",
     "For the runs: the FMU's own binary and its solver, run in a process of its own.",
     "For the verdicts: the step-halving estimate of the numerical error; NumPy, and the quantities' definitions, applied again by review.",
 )
@@ -225,7 +225,9 @@ def _response_chart(title: str, results: Mapping[str, Any], run: Observation, re
 
 
 def _sweep_chart(results: Mapping[str, Any], axis: Mapping[str, Any], others: Sequence[str], requirement: Requirement) -> dict[str, str]:
-    nominal = next(run for run in results["run_table"] if run["nominal"])
+    nominal = next((run for run in results["run_table"] if run["nominal"]), None)
+    if nominal is None:  # nothing was run
+        return {}
     quantity = str(requirement.quantity)
     line = [
         run

@@ -263,6 +263,8 @@ def _judge_again(
     asked = _asked(study, results["plant"]["output"]["name"])
     table = {entry["run"]: entry for entry in results["run_table"]}
     rows, judgements = [], []
+    # Without a command nothing is run: a task that is impossible fails (its certificate is checked apart), of another nothing is decided.
+    unrun = Verdict.FAIL if results["bound"]["status"] == "impossible" else Verdict.UNDECIDED
     for entry in results["requirements"]:
         requirement = _as_requirement(entry)
         if asked.pop(entry["id"], None) != _question(requirement):
@@ -270,14 +272,14 @@ def _judge_again(
         quantity = str(requirement.quantity)
         runs = [RunVerdict(name, table[name]["nominal"], values.get(quantity), table[name]["detail"]) for name, values in seen.items()]
         judgement = judge(requirement, runs)
-        if results["command"] is None:  # nothing was run, so nothing is decided
-            judgement = replace(judgement, verdict=Verdict.UNDECIDED)
+        if results["command"] is None:
+            judgement = replace(judgement, verdict=unrun)
         judgements.append(judgement)
         rows.append(Row(entry["id"], entry["value"], _value(judgement.measured), judgement.verdict.value))
         findings += _compare(entry, judgement)
     findings += [f"{name}: the study asks for it, the results do not have it" for name in asked]
     broken = [Verdict.ERROR for values in seen.values() if not values]
-    nothing = [Verdict.UNDECIDED] if results["command"] is None else []
+    nothing = [unrun] if results["command"] is None else []
     verdict = overall([*(judgement.verdict for judgement in judgements), *broken, *nothing])
     if verdict.value != results["verdict"]:
         findings.append(f"the verdict is recorded as {results['verdict']}, the signals give {verdict.value}")

@@ -117,7 +117,8 @@ class Limits:
 class CommandRequest:
     """What command is asked for: the fastest one with `robustness` further zeros at each flexible mode, or the one in `file` (`given`).
 
-    `robustness` may count them mode by mode (`{"mode[2]": 1, "real[1]": 1}`); with `tail` only the output has to rest. The command begins `start` seconds after the beginning of a run.
+    `robustness` may count them mode by mode (`{"mode[2]": 1, "real[1]": 1}`); with `tail` only the output has to rest. The command begins
+    `start` seconds after the beginning of a run.
     """
 
     kind: Literal["time-optimal", "file"] = "time-optimal"

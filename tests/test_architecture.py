@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import importlib
 import re
-import shlex
 import subprocess
 import sys
 import tomllib
@@ -13,7 +12,6 @@ from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
-import click
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -131,41 +129,3 @@ def test_no_file_names_a_place_on_one_machine() -> None:
         if places.search(line)
     ]
     assert found == []
-
-
-# -- what the README tells people to type ----------------------------------------------------------------------------------
-
-
-@cache
-def readme_commands() -> tuple[tuple[str, ...], ...]:
-    """Every line of the README's `sh` blocks, as words, without its comment."""
-    blocks = re.findall(r"(?ms)^```sh\n(.*?)^```", (ROOT / "README.md").read_text())
-    return tuple(tuple(words) for block in blocks for line in block.splitlines() if (words := shlex.split(line, comments=True)))
-
-
-def test_readme_has_the_two_commands_that_set_everything_up() -> None:
-    assert {("make", "verify"), ("make", "test")} <= set(readme_commands())
-
-
-def test_readme_commands_exist() -> None:
-    targets = set(re.findall(r"(?m)^([a-z][a-z-]*):(?!=)", (ROOT / "Makefile").read_text()))
-    cli = importlib.import_module("suite.cli")
-    for program, *words in readme_commands():
-        if program == "make":
-            assert set(words) <= targets
-            continue
-        assert program.removeprefix(".venv/bin/") == "slewcert", f"the README speaks of {program}, which nothing here sets up"
-        command: click.Command = cli.main
-        while isinstance(command, click.Group) and words:
-            following = command.get_command(click.Context(command), words[0])
-            assert following is not None, f"slewcert has no command {words[0]}"
-            command, words = following, words[1:]
-        options = {option for parameter in command.params for option in parameter.opts}
-        assert {word.split("=")[0] for word in words if word.startswith("--")} <= options | {"--help"}
-
-
-def test_files_that_the_readme_names_exist() -> None:
-    text = re.sub(r"(?s)<!--.*?-->", "", (ROOT / "README.md").read_text())
-    links = re.findall(r"\]\((?!#|https?:)([^)\s]+)\)", text) + re.findall(r'src(?:set)?="([^"]+)"', text)
-    named = [word for command in readme_commands() for word in command if word.startswith("suite/")]
-    assert [target for target in (*links, *named) if not (ROOT / target.split("#")[0]).exists()] == []

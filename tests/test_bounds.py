@@ -144,7 +144,7 @@ def test_random_maneuvers(seed: int):
     assert found.lower <= upper
     assert lower_bound(posed, found.costate, upper) <= upper * (1 + 1e-12)
     assert found.gap is not None
-    assert found.gap <= (GAP if found.switches is not None else 2e-2), found.reason
+    assert found.gap <= 1e-10, found.reason  # nine equations of neighbouring real poles leave 2e-11
     # The command is admissible, exactly, and counts from its rest.
     low, high = (float(x) for x in case.limits)
     assert all(low <= segment.level <= high for segment in command.segments)
@@ -166,7 +166,7 @@ def test_random_maneuvers(seed: int):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(30, 430))
+@pytest.mark.parametrize("seed", range(30, 230))
 def test_many_random_maneuvers(seed: int):
     test_random_maneuvers(seed)
 

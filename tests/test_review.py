@@ -7,11 +7,14 @@ import shutil
 from pathlib import Path
 
 import pytest
-from small_studies import digests, results
+from small_studies import digests, results, small_study
 from tampering import close, flip, run
 
 from reports.files import json_bytes
 from suite.review import ReviewStatus, agree, review
+from suite.study import load_study
+from suite.verdicts import Verdict
+from suite.verification import verify
 
 CONFIRMED, DIFFERS, TAMPERED, INCOMPLETE = ReviewStatus.CONFIRMED, ReviewStatus.DIFFERS, ReviewStatus.TAMPERED, ReviewStatus.INCOMPLETE
 WORST = "runs/0001.mcap"
@@ -73,16 +76,27 @@ def test_a_copy_elsewhere_is_confirmed(folder: Path) -> None:
     assert review(folder).status is CONFIRMED
 
 
+def test_a_task_without_a_command_is_confirmed_as_what_it_is(tmp_path: Path) -> None:
+    """A force that only pushes never stops what it has moved: the task is impossible, and no run is made."""
+    file = small_study(tmp_path)
+    file.write_text(file.read_text().replace("[-1.0, 1.0]", "[0.0, 1.0]"))
+    done = verify(load_study(file), tmp_path / "out")
+    assert done.verdict is Verdict.FAIL
+    assert done.results["runs"]["total"] == 0
+    found = review(tmp_path / "out")
+    assert (found.status, found.findings) == (CONFIRMED, ())
+
+
 # A byte of any file
 
 KINDS = [
-    *("study.toml", "results.json", "report.html", "junit.xml", "ledger.sqlite", "manifest.json"),
+    *("study.toml", "results.json", "certificate.json", "report.html", "junit.xml", "ledger.sqlite", "manifest.json"),
     *("plant/modelDescription.xml", "plant/twin.toml", "plant/hashes.json", "runs/layout.json", "runs/0000-nominal.mcap", WORST),
 ]
 
 
 def test_every_kind_of_file_is_tried_here(verified: Path) -> None:
-    rest = {path for path in digests(verified) if path not in KINDS and not path.startswith("certificate")}
+    rest = {path for path in digests(verified) if path not in KINDS}
     assert rest == {f"runs/{i:04d}.mcap" for i in range(2, 11)}
 
 

@@ -172,7 +172,7 @@ UNSUPPORTED_VALUES = {
     "limits.pulse_width": "[limits]\npulse_width = 1",
     "limits.pulses": "[limits]\npulses = 1",
     "command.kind": '[command]\nkind = "pole-zero"',
-    "command.robustness": '[command]\nrobustness = { "mode[1]" = 1 }',
+    "command.robustness": "[command]\nrobustness = 'box'\ntolerance = 0.05\n[[uncertainty]]\nparameter = 'k'\nrange = [1, 2]",
     "command.tail": "[command]\ntail = true",
     "command.type": "[command]\ntype = 1",
     "command.alpha": "[command]\nalpha = 0.1",

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from flint import arb, fmpq
+from flint import fmpq
 
-from relaxations.checking import impossible, lower, upper
-from relaxations.checking.balls import Inconclusive, Refuted, plant, precision
+from relaxations.checking import lower, upper
+from relaxations.checking.balls import Inconclusive, Refuted, Undecided, budget, precision, system
 from relaxations.checking.reading import Certificate, Malformed, read
 
+REST = {
+    "state": "the state (of a controllable realisation) stays at rest from T on (state rest)",
+    "output": "the output stays at its target from T on, and the input tends to its final rest value (output rest)",
+}
+IMPOSSIBLE = {"maneuver_time": None, "impossible": True}
 BITS = (128, 256, 512, 1024)
+WORK, WORK_PER_SIZE = 4e6, 2e3
+"""Units of work (about a microsecond each) that a check may cost, and further ones by the size of what it is about."""
 
 
 class Outcome(Enum):
@@ -42,10 +50,8 @@ class Check:
         if self.certificate is not None:
             record["task"] = self.certificate.written["task"]
             if self.outcome is Outcome.PROVED:
-                claimed = self.certificate
-                record["maneuver_time"] = None if claimed.impossible else {"lower": down(claimed.lower), "upper": up(claimed.upper)}
-                if claimed.impossible:
-                    record["impossible"] = True
+                lower, upper, impossible = self.certificate.claim
+                record |= {"maneuver_time": {"lower": down(lower), "upper": up(upper)}} if not impossible else IMPOSSIBLE
         if self.reason:
             record["reason"] = self.reason
         return record
@@ -53,28 +59,28 @@ class Check:
 
 def check(content: bytes, bits: tuple[int, ...] = BITS) -> Check:
     """Read a certificate and prove every side that it claims, at rising precision; never raises for any content."""
-    begun = time.perf_counter()
+    begun, certificate, at, reason = time.perf_counter(), None, 0, ""
 
-    def ended(outcome: Outcome, reason: str, certificate: Certificate | None, at: int) -> Check:
+    def ended(outcome: Outcome, reason: str = "") -> Check:
         return Check(outcome, reason, certificate, at, time.perf_counter() - begun)
 
     try:
         certificate = read(content)
+        budget(_work(certificate))
+        for at in bits:
+            try:
+                with precision(at):
+                    _prove(certificate)
+                return ended(Outcome.PROVED)
+            except (Undecided, ZeroDivisionError, OverflowError) as problem:
+                reason = str(problem)
     except Malformed as problem:
-        return ended(Outcome.MALFORMED, str(problem), None, 0)
-    reason = ""
-    for at in bits:
-        try:
-            with precision(at):
-                _prove(certificate)
-            return ended(Outcome.PROVED, "", certificate, at)
-        except Malformed as problem:
-            return ended(Outcome.MALFORMED, str(problem), certificate, at)
-        except Refuted as problem:
-            return ended(Outcome.REFUTED, str(problem), certificate, at)
-        except (Inconclusive, ZeroDivisionError, OverflowError, MemoryError) as problem:
-            reason = str(problem) or type(problem).__name__
-    return ended(Outcome.INCONCLUSIVE, reason, certificate, bits[-1])
+        return ended(Outcome.MALFORMED, str(problem))
+    except Refuted as problem:
+        return ended(Outcome.REFUTED, str(problem))
+    except (Inconclusive, MemoryError) as problem:
+        reason = str(problem) or type(problem).__name__
+    return ended(Outcome.INCONCLUSIVE, reason)
 
 
 def check_file(path: Path) -> Check:
@@ -82,85 +88,54 @@ def check_file(path: Path) -> Check:
     return check(path.read_bytes())
 
 
+def _work(certificate: Certificate) -> float:
+    """A proof costs about so much for every pair of a pole and a pole or a segment."""
+    poles = sum(len(data.denominator) for data in certificate.task.plants)
+    return WORK + WORK_PER_SIZE * poles * (poles + len(certificate.upper.segments if certificate.upper else ()))
+
+
 def _prove(certificate: Certificate) -> None:
-    task = certificate.task
-    plants = tuple(plant(data, task) for data in task.plants)
-    if len({str(own.rest_input) for own in plants}) != 1:
-        raise Malformed("the plants share one final rest input")
-    if certificate.impossible is not None:
-        if certificate.lower is not None or certificate.upper is not None:
-            raise Malformed("an impossible task has no maneuver time")
-        impossible.prove(task, plants, certificate.impossible, certificate.lower_witness)
-        return
-    if certificate.lower is not None and certificate.lower > 0:
-        if certificate.lower_witness is None:
-            raise Malformed("the lower bound has no witness")
-        lower.prove(task, plants, certificate.lower_witness, certificate.lower)
-    if certificate.upper is not None:
-        if certificate.upper_witness is None:
-            raise Malformed("the upper bound has no witness")
-        upper.prove(task, plants, certificate.upper_witness, certificate.upper)
+    posed, (below, above, criterion) = system(certificate.task), certificate.claim
+    if criterion is not None:
+        lower.impossible(posed, criterion)
+    if below and certificate.lower is not None:
+        lower.prove(posed, certificate.lower, below)
+    if above is not None and certificate.upper is not None:
+        upper.prove(posed, certificate.upper, above)
 
 
-def decimal(value: fmpq, digits: int, away: int) -> str:
-    """`value` ≥ 0 with `digits` significant digits, rounded down (away = 0) or up (1), exactly."""
-    if value == 0:
-        return "0"
-    p, q = int(value.p), int(value.q)
-    places = digits - 1 - (len(str(p)) - len(str(q)))
-    scaled = (p * 10**places, q) if places >= 0 else (p, q * 10**-places)
-    whole, rest = divmod(*scaled)
-    whole += 1 if away and rest else 0
-    if places <= 0:
-        return str(whole * 10**-places)
-    text = str(whole).rjust(places + 1, "0")
-    return f"{text[:-places]}.{text[-places:]}".rstrip("0").rstrip(".")
+def _rounded(value: fmpq | None, rounding: str) -> str | None:
+    """17 digits of `value`, correctly rounded towards the safe side."""
+    if value is None:
+        return None
+    return f"{Context(prec=17, rounding=rounding).divide(Decimal(str(value.p)), Decimal(str(value.q))):f}"
 
 
 def down(value: fmpq | None) -> str | None:
     """A lower bound for people and scripts: at most the proven one."""
-    return None if value is None else decimal(value, 17, 0)
+    return _rounded(value, ROUND_FLOOR)
 
 
 def up(value: fmpq | None) -> str | None:
     """An upper bound for people and scripts: at least the proven one."""
-    return None if value is None else decimal(value, 17, 1)
+    return _rounded(value, ROUND_CEILING)
 
 
 def claim(certificate: Certificate) -> str:
-    """The whole claim in words, so that a reader can see which problem it is about."""
-    task = certificate.task
+    """The whole claim in words, its numbers as written, so that a reader can see which problem it is about."""
+    task, (lower, upper, impossible) = certificate.written["task"], certificate.claim
     lines = ["Plant (highest power of s first):"]
-    for data in task.plants:
-        lines.append(f"  numerator    {_polynomial(data.numerator)}")
-        lines.append(f"  denominator  {_polynomial(data.denominator)}")
-        if data.zeros:
-            lines.append("  further zeros of the command: " + ", ".join(f"{count} at {name}" for name, count in sorted(data.zeros.items())))
-    rest = (
-        "the output stays at its target from T on, and the input tends to its final rest value (output rest)"
-        if task.output_rest
-        else "the state stays at rest from T on (state rest)"
-    )
-    lines += [
-        f"Task: from rest at input {_text(task.initial_input)} move the output by {_text(task.displacement)}; {rest}.",
-        f"Limits: {_text(task.lower_limit)} ≤ u(t) ≤ {_text(task.upper_limit)} for all t ≥ 0.",
-    ]
-    if certificate.impossible:
-        lines.append("Claim: no measurable command within the limits does this in any time.")
-    else:
-        sides = []
-        if certificate.lower is not None:
-            sides.append(f"no measurable command within the limits does this in less than {down(certificate.lower)} s")
-        if certificate.upper is not None:
-            sides.append(f"one does it in at most {up(certificate.upper)} s")
-        lines.append("Claim: " + "; ".join(sides) + ".")
-    return "\n".join(lines)
-
-
-def _polynomial(coefficients: tuple[fmpq, ...]) -> str:
-    return "[" + ", ".join(_text(c) for c in reversed(coefficients)) + "]"
-
-
-def _text(value: fmpq) -> str:
-    text = str(value)
-    return text if len(text) <= 40 else f"{arb(value).str(17, radius=False)}…"
+    for plant in task["plants"]:
+        lines += [f"  {name:<12} [{', '.join(plant[name])}]" for name in ("numerator", "denominator")]
+        if plant["zeros"]:
+            lines.append("  further zeros of the command: " + ", ".join(f"{count} at {name}" for name, count in plant["zeros"].items()))
+    rest, (low, high), tail = REST[task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
+    lines.append(f"Task: from rest at input {task['initial_input']} move the output by {task['displacement']}; {rest}.")
+    lines.append(f"Limits: {low} ≤ u(t) ≤ {high} for all t ≥ 0.")
+    if tail:
+        where = f"within {tail['within']} of the nearer limit's distance from its final rest value"
+        lines.append(f"  From {tail['time']} s after T on, the input stays {where}.")
+    sides = ["no measurable command within the limits does this in any time"] if impossible else []
+    sides += [f"no measurable command within the limits does this in less than {down(lower)} s"] if lower is not None else []
+    sides += [f"one does it in at most {up(upper)} s"] if upper is not None else []
+    return "\n".join([*lines, f"Claim: {'; '.join(sides)}."])

@@ -1,285 +1,250 @@
-"""Reading a certificate: canonical bytes, a right digest, exactly the members of the schema, every real number exact."""
+"""Reading a certificate: canonical bytes, a right digest, exactly the members of the schema, every real number exact.
+
+The schema stands at the end: readers (of a value and the place where it stands) that are put together as the file is.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
-from flint import fmpq
+from flint import fmpq, fmpz
 
-FORMAT = "slewcert-certificate/1"
-LARGEST_FILE, LONGEST_NUMBER, LARGEST_EXPONENT = 64 * 2**20, 2000, 1100
-MOST_POLES, MOST_SEGMENTS = 400, 200_000
+LARGEST_FILE, LONGEST_NUMBER, LARGEST_EXPONENT = 16 * 2**20, 2000, 1100
+MOST_POLES, MOST_SEGMENTS, MOST_CONTACTS, MOST_ZEROS = 200, 100_000, 10_000, 20
 
 _DECIMAL = re.compile(r"-?(0|[1-9][0-9]*)(\.[0-9]*[1-9])?")
 _RATIO = re.compile(r"(-?[1-9][0-9]*)/([1-9][0-9]*)")
-_HEXADECIMAL = re.compile(r"(-?)0x1(?:\.([0-9a-f]{1,13}))?p([+-][0-9]{1,4})")
+_HEXADECIMAL = re.compile(r"(-?0x1)(?:\.([0-9a-f]{0,12}[1-9a-f]))?p(\+0|[+-][1-9][0-9]{0,3})")
+
+Complex = tuple[fmpq, ...]
+Chain = tuple[Complex, tuple[Complex, ...]]
+"""A point (re, im), and coefficients c_k of `Re Σ c_k s^k/k! e^{ps}` for the root p nearest to it."""
+T = TypeVar("T")
+Reader = Callable[[Any, str], T]
 
 
 class Malformed(Exception):
-    """The file is no certificate: not canonical, not complete, or with a wrong digest."""
+    """The file is no certificate: not canonical, not complete, of no sense, or with a wrong digest."""
+
+
+def require(holds: bool, sentence: str) -> None:
+    """Raise `Malformed` unless `holds`."""
+    if not holds:
+        raise Malformed(sentence)
 
 
 @dataclass(frozen=True, slots=True)
 class PlantData:
-    """One plant as written: polynomial coefficients from the lowest power of s up, and further zeros by mode name."""
+    """One plant as written: coefficients, the highest power of s first, and further zeros of the command by the name of a mode."""
 
     numerator: tuple[fmpq, ...]
     denominator: tuple[fmpq, ...]
     zeros: dict[str, int]
 
+    def __post_init__(self) -> None:
+        proper = len(self.numerator) <= len(self.denominator) and self.denominator[0] == 1 and self.numerator[0] != 0
+        require(proper, "a plant is proper, its denominator monic, its leading coefficients not 0")
+        require(self.numerator[-1] != 0, "the plant has a zero at the origin: there is no rest state")
+
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """The task as written; inputs absolute."""
+    """The task as written: rest of the "state" or the "output", absolute limits of the input, and of the tail (time [s], fraction) or None."""
 
     plants: tuple[PlantData, ...]
     displacement: fmpq
-    output_rest: bool
-    lower_limit: fmpq
-    upper_limit: fmpq
+    rest: str
+    limits: tuple[tuple[fmpq, ...], tuple[fmpq, fmpq] | None]
     initial_input: fmpq
-    tail_length: tuple[fmpq, fmpq] | None
+
+    def __post_init__(self) -> None:
+        (lower, upper), length = self.limits
+        require(lower < upper and self.displacement != 0, "limits ascend, and the displacement is not 0")
+        sensible = length is None or (self.rest == "output" and length[0] >= 0 and 0 < length[1] <= 1)
+        require(sensible, "a tail length belongs to an output rest: a time from 0 on, a fraction from 0 to 1")
 
 
 @dataclass(frozen=True, slots=True)
-class Chain:
-    """Coefficients c_k of `Re Σ c_k s^k/k! e^{ps}` for the root nearest to `near`."""
-
-    near: tuple[fmpq, fmpq]
-    coefficients: tuple[tuple[fmpq, fmpq], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class TailMultiplier:
-    """μ+ and μ- at `time` after the end of the move."""
-
-    time: fmpq
-    upper: fmpq
-    lower: fmpq
-
-
-@dataclass(frozen=True, slots=True)
-class LowerWitness:
-    """A costate for each plant, and multipliers of the tail's limits."""
+class Lower:
+    """A costate for each plant, and multipliers of the tail's limits: seconds after the move, μ⁺, μ⁻."""
 
     costate: tuple[tuple[Chain, ...], ...]
-    tail: tuple[TailMultiplier, ...]
+    tail: tuple[tuple[fmpq, fmpq, fmpq], ...]
+
+    def __post_init__(self) -> None:
+        require(all(min(contact) >= 0 for contact in self.tail), "times and multipliers of the tail are not negative")
 
 
 @dataclass(frozen=True, slots=True)
-class UpperWitness:
-    """A command near an exact solution: `free` names the unknowns that are solved for, each within `radius` of what is written."""
+class Upper:
+    """A command near an exact solution: segments (start, level), then a tail. `free` names the unknowns, each within `radius` of what is written:
+    ["time", 0, 0], ["start", i, 0] or ["level", i, 0] of segment i, ["re", i, k] or ["im", i, k] of coefficient k of the tail's chain i."""
 
     maneuver_time: fmpq
-    starts: tuple[fmpq, ...]
-    levels: tuple[fmpq, ...]
+    segments: tuple[tuple[fmpq, fmpq], ...]
     tail: tuple[Chain, ...]
     free: tuple[tuple[str, int, int], ...]
     radius: fmpq
 
+    def __post_init__(self) -> None:
+        begins = self.segments[0][0] == 0 < self.maneuver_time if self.segments else self.maneuver_time == 0
+        require(begins and self.radius > 0, "a move with segments begins at 0 and lasts longer than 0, and the radius is positive")
+        for kind, i, k in self.free:
+            of_tail = i < len(self.tail) and k < len(self.tail[i][1])
+            of_segment = k == 0 and (i == 0 < len(self.segments) if kind == "time" else (kind == "start") <= i < len(self.segments))
+            require(of_tail if kind in ("re", "im") else of_segment, f"upper.free names no unknown: {[kind, i, k]}")
+        require(len(set(self.free)) == len(self.free), "upper.free names an unknown twice")
+
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """A certificate as written. A side that is not claimed is None; `impossible` names the form of an impossibility, or is None."""
+    """A certificate: `claim` holds the lower and the upper side [s] (None: not claimed) and the criterion of an impossible task (or None);
+    `written` is the object in the file."""
 
+    format: str
     task: Task
-    lower: fmpq | None
-    upper: fmpq | None
-    impossible: str | None
-    lower_witness: LowerWitness | None
-    upper_witness: UpperWitness | None
+    claim: tuple[fmpq | None, fmpq | None, str | None]
+    lower: Lower | None
+    upper: Upper | None
     digest: str
     written: dict[str, Any]
 
+    def __post_init__(self) -> None:
+        lower, upper, impossible = self.claim
+        sides = [side for side in (lower, upper) if side is not None]
+        require(bool(sides) != (impossible is not None), "a claim has sides, or says that the task is impossible")
+        require(all(side >= 0 for side in sides), "a maneuver time is not negative")
+        require(
+            (self.lower is not None or not lower) and (self.upper is not None or upper is None), "a side that is claimed has no witness"
+        )
 
-def real(text: Any) -> fmpq:
+
+def record(build: Callable[..., T], **members: Reader[Any]) -> Reader[T]:
+    """An object with exactly these members."""
+
+    def read(data: Any, where: str) -> T:
+        require(isinstance(data, dict) and data.keys() == members.keys(), f"{where} is an object of exactly {', '.join(members)}")
+        return build(**{name: member(data[name], f"{where}.{name}") for name, member in members.items()})
+
+    return read
+
+
+def fields(**members: Reader[Any]) -> Reader[Any]:
+    """An object with exactly these members, as a tuple."""
+    return record(lambda **found: tuple(found.values()), **members)
+
+
+def array(item: Reader[T], most: int, least: int = 0) -> Reader[tuple[T, ...]]:
+    """`least` to `most` items."""
+
+    def read(data: Any, where: str) -> tuple[T, ...]:
+        require(isinstance(data, list) and least <= len(data) <= most, f"{where} is an array of {least} to {most} items")
+        return tuple(item(entry, where) for entry in data)
+
+    return read
+
+
+def optional(item: Reader[T]) -> Reader[T | None]:
+    """Null, or an item."""
+    return lambda data, where: None if data is None else item(data, where)
+
+
+def choice(*values: str) -> Reader[str]:
+    """One of these strings."""
+
+    def read(data: Any, where: str) -> str:
+        require(isinstance(data, str) and data in values, f"{where} is one of {', '.join(values)}")
+        return data
+
+    return read
+
+
+def count(data: Any, where: str) -> int:
+    """A whole number; JSON's true is none."""
+    require(type(data) is int and data >= 0, f"{where} is a whole number")
+    return data
+
+
+def real(data: Any, where: str = "a number") -> fmpq:
     """An exact number: decimal without trailing zeros, p/q in lowest terms, or a hexadecimal float as C writes it."""
-    if not isinstance(text, str) or len(text) > LONGEST_NUMBER:
-        raise Malformed("a number is a string of at most 2000 characters")
-    if _DECIMAL.fullmatch(text):
-        whole, _, digits = text.partition(".")
-        value = fmpq(int(whole + digits), 10 ** len(digits))
-        if text.startswith("-") and value == 0:
-            raise Malformed("zero has no sign")
+    require(isinstance(data, str) and len(data) <= LONGEST_NUMBER, f"{where} is a string of at most {LONGEST_NUMBER} characters")
+    if _DECIMAL.fullmatch(data) and data != "-0":
+        whole, _, digits = data.partition(".")
+        return fmpq(fmpz(whole + digits), fmpz(10) ** len(digits))
+    if match := _RATIO.fullmatch(data):
+        value = fmpq(fmpz(match[1]), fmpz(match[2]))
+        require(value.q == fmpz(match[2]) != 1, f"{where} is not in lowest terms: {data[:60]}")
         return value
-    if ratio := _RATIO.fullmatch(text):
-        numerator, denominator = int(ratio[1]), int(ratio[2])
-        value = fmpq(numerator, denominator)
-        if denominator == 1 or int(value.q) != denominator:
-            raise Malformed(f"not in lowest terms: {text[:60]}")
-        return value
-    if match := _HEXADECIMAL.fullmatch(text):
-        digits, exponent = match[2] or "", int(match[3])
-        if abs(exponent) > LARGEST_EXPONENT or digits.endswith("0") or match[3] != f"{exponent:+d}":
-            raise Malformed(f"no hexadecimal float in its shortest form: {text[:60]}")
-        shift = exponent - 4 * len(digits)
-        mantissa = int(match[1] + "1" + digits, 16)
-        return fmpq(mantissa * 2**shift) if shift >= 0 else fmpq(mantissa, 2**-shift)
-    raise Malformed(f"no exact number: {text[:60]!r}")
+    match = _HEXADECIMAL.fullmatch(data)
+    if match is None or abs(int(match[3])) > LARGEST_EXPONENT:
+        raise Malformed(f"{where} is no exact number: {data[:60]!r}")
+    digits = match[2] or ""
+    return fmpq(int(match[1] + digits, 16)) * fmpq(2) ** (int(match[3]) - 4 * len(digits))
+
+
+def unknown(data: Any, where: str) -> tuple[str, int, int]:
+    """The name of an unknown."""
+    require(isinstance(data, list) and len(data) == 3, f"{where} holds arrays of three")
+    return choice("time", "start", "level", "re", "im")(data[0], where), count(data[1], where), count(data[2], where)
+
+
+def further(data: Any, where: str) -> dict[str, int]:
+    """Counts of further zeros by the name of a mode."""
+    require(isinstance(data, dict) and len(data) <= MOST_POLES, f"{where} is an object")
+    require(all(count(value, where) <= MOST_ZEROS for value in data.values()), f"{where} counts to {MOST_ZEROS}")
+    return data
+
+
+COMPLEX = array(real, 2, 2)
+CHAINS = array(fields(near=COMPLEX, coefficients=array(COMPLEX, MOST_POLES)), MOST_POLES)
+POLYNOMIAL = array(real, MOST_POLES + 1, 1)
+PLANT = record(PlantData, numerator=POLYNOMIAL, denominator=POLYNOMIAL, zeros=further)
+LIMITS = fields(input=array(real, 2, 2), tail_length=optional(fields(time=real, within=real)))
+CERTIFICATE: dict[str, Reader[Any]] = {
+    "format": choice("slewcert-certificate/1"),
+    "task": record(Task, plants=array(PLANT, 1, 1), displacement=real, rest=choice("state", "output"), limits=LIMITS, initial_input=real),
+    "claim": fields(lower=optional(real), upper=optional(real), impossible=optional(choice("face", "remainder"))),
+    "lower": optional(record(Lower, costate=array(CHAINS, 1, 1), tail=array(fields(time=real, upper=real, lower=real), MOST_CONTACTS))),
+    "upper": optional(
+        record(
+            Upper,
+            maneuver_time=real,
+            segments=array(fields(start=real, level=real), MOST_SEGMENTS),
+            tail=CHAINS,
+            free=array(unknown, 2 * MOST_POLES),
+            radius=real,
+        )
+    ),
+}
 
 
 def canonical(data: Any) -> bytes:
-    """RFC 8785 for what a certificate holds: strings, whole numbers, null, true, false, arrays, objects with ASCII names."""
-    return json.dumps(data, ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+    """RFC 8785 for what a certificate holds: ASCII strings, small whole numbers, null, true, false, arrays, objects."""
+    return json.dumps(data, ensure_ascii=False, sort_keys=True, separators=(",", ":")).encode()
 
 
 def read(content: bytes) -> Certificate:
     """Parse and validate; raises `Malformed` with a sentence."""
-    if len(content) > LARGEST_FILE:
-        raise Malformed("larger than 64 MiB")
+    require(len(content) <= LARGEST_FILE, "larger than 16 MiB")
     try:
-        data = json.loads(content.decode("ascii"), parse_float=_no_floats, parse_constant=_no_floats, parse_int=_small)
-        same = canonical(data) == content
+        data = json.loads(content.decode("ascii"), parse_float=_refused, parse_constant=_refused, parse_int=_small)
+        same = isinstance(data, dict) and canonical(data) == content
     except (ValueError, RecursionError) as problem:
         raise Malformed(f"no canonical JSON: {str(problem)[:200]}") from None
-    if not same:
-        raise Malformed("not in canonical form (RFC 8785)")
-    found = _members(data, "certificate", "format", "task", "claim", "lower", "upper", "digest")
-    if found["format"] != FORMAT:
-        raise Malformed(f'"format" is not "{FORMAT}"')
+    require(same, "no object in canonical form (RFC 8785)")
     digest = hashlib.sha256(canonical({name: value for name, value in data.items() if name != "digest"})).hexdigest()
-    if found["digest"] != digest:
-        raise Malformed("the digest does not belong to the content")
-    claim = _members(found["claim"], "claim", "lower", "upper", "impossible")
-    if claim["impossible"] not in (None, "face", "remainder"):
-        raise Malformed('claim.impossible is null, "face" or "remainder"')
-    certificate = Certificate(
-        task=_task(found["task"]),
-        lower=None if claim["lower"] is None else real(claim["lower"]),
-        upper=None if claim["upper"] is None else real(claim["upper"]),
-        impossible=claim["impossible"],
-        lower_witness=None if found["lower"] is None else _lower(found["lower"]),
-        upper_witness=None if found["upper"] is None else _upper(found["upper"]),
-        digest=digest,
-        written=data,
-    )
-    if certificate.lower is None and certificate.upper is None and certificate.impossible is None:
-        raise Malformed("nothing is claimed")
-    if any(side is not None and side < 0 for side in (certificate.lower, certificate.upper)):
-        raise Malformed("a maneuver time is not negative")
-    return certificate
+    require(data.get("digest") == digest, "the digest does not belong to the content")
+    return record(lambda **found: Certificate(**found, written=data), **CERTIFICATE, digest=choice(digest))(data, "certificate")
 
 
-def _no_floats(text: str) -> Any:
+def _refused(text: str) -> Any:
     raise ValueError(f"a real number is a string, not {text[:40]}")
 
 
 def _small(text: str) -> int:
-    if len(text) > 6:
-        raise ValueError("a whole number of more than six digits")
-    return int(text)
-
-
-def _members(data: Any, where: str, *names: str) -> dict[str, Any]:
-    if not isinstance(data, dict) or set(data) != set(names):
-        raise Malformed(f"{where} is an object with exactly the members {', '.join(names)}")
-    return data
-
-
-def _list(data: Any, where: str, most: int) -> list[Any]:
-    if not isinstance(data, list) or len(data) > most:
-        raise Malformed(f"{where} is an array of at most {most} items")
-    return data
-
-
-def _count(value: Any, where: str, most: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
-        raise Malformed(f"{where} is a whole number from 0 to {most}")
-    return value
-
-
-def _task(data: Any) -> Task:
-    found = _members(data, "task", "plants", "displacement", "rest", "limits", "initial_input")
-    if found["rest"] not in ("state", "output"):
-        raise Malformed('task.rest is "state" or "output"')
-    limits = _members(found["limits"], "task.limits", "input", "tail_length")
-    length: tuple[fmpq, fmpq] | None = None
-    if limits["tail_length"] is not None:
-        entry = _members(limits["tail_length"], "task.limits.tail_length", "time", "within")
-        length = real(entry["time"]), real(entry["within"])
-        if found["rest"] != "output" or length[0] < 0 or not 0 < length[1] <= 1:
-            raise Malformed("a tail length (time from 0 on, fraction from 0 to 1) belongs to an output rest")
-    pair = _list(limits["input"], "task.limits.input", 2)
-    plants = tuple(_plant(item) for item in _list(found["plants"], "task.plants", 1))
-    if len(pair) != 2 or not plants:
-        raise Malformed("task.limits.input has two numbers, task.plants one plant")
-    task = Task(
-        plants, real(found["displacement"]), found["rest"] == "output", real(pair[0]), real(pair[1]), real(found["initial_input"]), length
-    )
-    if not task.lower_limit < task.upper_limit or task.displacement == 0:
-        raise Malformed("limits ascend, and the displacement is not 0")
-    return task
-
-
-def _plant(data: Any) -> PlantData:
-    found = _members(data, "plant", "numerator", "denominator", "zeros")
-    numerator, denominator = (
-        tuple(real(c) for c in reversed(_list(found[name], name, MOST_POLES + 1))) for name in ("numerator", "denominator")
-    )
-    if not numerator or not denominator or numerator[-1] == 0 or denominator[-1] != 1 or len(numerator) > len(denominator):
-        raise Malformed("a plant is proper, its denominator monic, its leading coefficients not 0")
-    if not isinstance(found["zeros"], dict):
-        raise Malformed("plant.zeros counts further zeros by the name of a mode")
-    zeros = {name: _count(value, f"zeros.{name}", 20) for name, value in found["zeros"].items()}
-    return PlantData(numerator, denominator, zeros)
-
-
-def _pair(data: Any) -> tuple[fmpq, fmpq]:
-    pair = _list(data, "a complex number", 2)
-    if len(pair) != 2:
-        raise Malformed("a complex number is [re, im]")
-    return real(pair[0]), real(pair[1])
-
-
-def _chains(data: Any, where: str) -> Iterator[Chain]:
-    for item in _list(data, where, MOST_POLES):
-        found = _members(item, where, "near", "coefficients")
-        yield Chain(_pair(found["near"]), tuple(_pair(c) for c in _list(found["coefficients"], where, MOST_POLES)))
-
-
-def _lower(data: Any) -> LowerWitness:
-    found = _members(data, "lower", "costate", "tail")
-    costate = tuple(tuple(_chains(plant, "lower.costate")) for plant in _list(found["costate"], "lower.costate", MOST_POLES))
-    tail = []
-    for item in _list(found["tail"], "lower.tail", 10_000):
-        entry = _members(item, "lower.tail", "time", "upper", "lower")
-        multiplier = TailMultiplier(real(entry["time"]), real(entry["upper"]), real(entry["lower"]))
-        if multiplier.time < 0 or multiplier.upper < 0 or multiplier.lower < 0:
-            raise Malformed("times and multipliers of the tail are not negative")
-        tail.append(multiplier)
-    return LowerWitness(costate, tuple(tail))
-
-
-def _upper(data: Any) -> UpperWitness:
-    found = _members(data, "upper", "maneuver_time", "segments", "tail", "free", "radius")
-    segments = [_members(s, "a segment", "start", "level") for s in _list(found["segments"], "upper.segments", MOST_SEGMENTS)]
-    starts, levels = tuple(real(s["start"]) for s in segments), tuple(real(s["level"]) for s in segments)
-    tail = tuple(_chains(found["tail"], "upper.tail"))
-    time, radius = real(found["maneuver_time"]), real(found["radius"])
-    free = tuple(_free(item, len(segments), tail) for item in _list(found["free"], "upper.free", 4 * MOST_POLES))
-    if len(set(free)) != len(free):
-        raise Malformed("upper.free names an unknown twice")
-    if radius <= 0 or time < 0 or bool(segments) != (time > 0) or (segments and starts[0] != 0):
-        raise Malformed("the move begins at 0 and lasts longer than 0 if it has segments; the radius is positive")
-    return UpperWitness(time, starts, levels, tail, free, radius)
-
-
-def _free(item: Any, segments: int, tail: tuple[Chain, ...]) -> tuple[str, int, int]:
-    """An unknown: ["time", 0, 0], ["start", i, 0] (i > 0), ["level", i, 0], ["re" or "im", zero, power]."""
-    kind, first, second = _list(item, "upper.free", 3) if isinstance(item, list) and len(item) == 3 else ("", 0, 0)
-    first, second = _count(first, "upper.free", MOST_SEGMENTS), _count(second, "upper.free", MOST_SEGMENTS)
-    known = {
-        "time": first == second == 0 and segments > 0,
-        "start": 0 < first < segments and second == 0,
-        "level": first < segments and second == 0,
-        "re": first < len(tail) and second < len(tail[first].coefficients) if tail else False,
-        "im": first < len(tail) and second < len(tail[first].coefficients) if tail else False,
-    }
-    if not isinstance(kind, str) or not known.get(kind, False):
-        raise Malformed(f"upper.free names no unknown: {item!r:.80}")
-    return kind, first, second
+    return int(text) if len(text) <= 6 else _refused(text)
