@@ -33,7 +33,9 @@ slow: env compiler ## the tests that take long
 foreign: env compiler foreign-env ## the tests that need headless Chromium and Node
 	$(BIN)/pytest -m foreign
 
-benchmark: env compiler ## the measurements
+benchmark: env compiler ## the measurements (installs CasADi to compare with)
+	@$(BIN)/python -c 'import casadi' 2>/dev/null \
+	  || $(BIN)/python -m pip install $(PIP_FLAGS) --require-hashes --requirement requirements-benchmark.lock
 	$(BIN)/pytest -m benchmark
 
 lint: env ## ruff, pyright, import contracts
@@ -74,6 +76,7 @@ tests/foreign/node_modules/.package-lock.json: tests/foreign/package-lock.json
 lock: env ## resolve the dependencies anew (needs uv)
 	uv pip compile pyproject.toml --extra dev --upgrade --output-file requirements.lock $(LOCK_FLAGS)
 	echo ziglang | uv pip compile - --upgrade --output-file requirements-compiler.lock $(LOCK_FLAGS)
+	echo casadi | uv pip compile - --constraint requirements.lock --upgrade --output-file requirements-benchmark.lock $(LOCK_FLAGS)
 
 # names, versions and hashes for every supported Python and platform; no index address, whatever this machine is set up with
 LOCK_FLAGS := --universal --python-version 3.11 --generate-hashes --no-config --no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' --quiet

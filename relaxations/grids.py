@@ -9,11 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 
 Reals = NDArray[np.float64]
 
 FADING = 0.25  # the density of a mode's instants is halved after four time constants: the mode itself has lost 98 % by then
+UNRESOLVED = 20  # times the most cells: a grid so much too coarse says nothing
 OUTLINE = 400  # points in which the density is sketched, uniform and towards each end
 
 
@@ -33,6 +35,9 @@ def grid(problem: Problem, horizon: float, least: int, per_period: float, most: 
         distance = to_go if pole.real <= 0.0 else horizon - to_go
         modes = np.maximum(modes, per_period * abs(pole) / (2 * np.pi) / (1.0 + FADING * abs(pole.real) * distance))
     cells, wanted = least, float(np.trapezoid(modes, to_go))
+    if wanted > UNRESOLVED * most:
+        periods = wanted / per_period
+        raise SolverError(f"the move would last some {periods:.2g} periods of the plant's fastest modes, more than a grid can resolve")
     while cells < wanted and cells < most:
         cells *= 2
     density = modes + least / horizon

@@ -36,7 +36,7 @@ MARGINS = (2e-14, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5)
 RADII = (1e-18, 1e-14, 1e-10, 1e-8)
 """Radii of Krawczyk's test relative to the maneuver time."""
 
-BEYOND = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
+BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
 
 CUTS = 6
@@ -87,7 +87,8 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
     """Bracket the least maneuver time and prove both sides where that is possible.
 
     The result is `PROVED` if the checker has accepted a certificate for both sides, `IMPOSSIBLE` if it has accepted one that no time
-    suffices, else `BRACKETED` with the reason; a certificate then holds the side that was proven, if any. Raises `SolverError`.
+    suffices, else `BRACKETED` with the reason; a certificate then holds the side that was proven, if any. Where the
+    numerics fail altogether the bracket is [0, –].
     """
     begun, chosen = time.perf_counter(), settings or Settings()
     task = certificates.task(problem)
@@ -109,8 +110,9 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
         if proof.gap <= REGULAR or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
             break
     if found is None:
-        assert trouble is not None
-        raise trouble
+        # Nothing is known then but that no time is less than 0.
+        nothing, seconds = np.zeros(problem.size), time.perf_counter() - begun
+        return Bound(Status.BRACKETED, 0.0, None, nothing, None, None, f"no bracket was found: {trouble}", count, seconds)
     return _concluded(task, proof, replace(found, programs=count), time.perf_counter() - begun)
 
 

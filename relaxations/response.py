@@ -43,12 +43,16 @@ def response(plant: LinearPlant, command: Command, times: Sequence[float] | Real
     y = partial.feedthrough * (command(t, rest) - rest)
     if not plant.order:
         return y
+    during = t <= command.end
     for instant, level, slope in jumps(command, rest):
-        after = t > instant
-        since = t[after] - instant
-        y[after] += weights @ (level * basis.rows(since, 1) + slope * basis.rows(since, 2))
-    after = t > command.end
+        acting = during & (t > instant)
+        since = t[acting] - instant
+        y[acting] += weights @ (level * basis.rows(since, 1) + slope * basis.rows(since, 2))
+    # Afterwards the jumps' contributions, which grow with t, nearly cancel: go on from the state at the end instead.
+    after = ~during
     since = t[after] - command.end
+    y[after] += weights @ basis.free(moments(basis, command, command.end, rest), since)
+    y[after] += weights @ ((command.tail.steady - rest) * basis.rows(since, 1))
     for term in command.tail.terms:
         # Re(c e^{zr}) = (c e^{zr} + conj)/2; on complex chains both halves count, on real ones they are conjugate.
         for rate, coefficient in ((term.rate, term.coefficient / 2), (term.rate.conjugate(), term.coefficient.conjugate() / 2)):

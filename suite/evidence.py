@@ -49,7 +49,7 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
     fmu = study.plant.fmu
     assert fmu is not None
     certificate = None if design.bound.certificate is None else CERTIFICATE
-    bound = bound_record(design.bound, design.command, float(study.plant.initial_input), certificate)
+    bound = bound_record(design.bound, design.bound.command, float(study.plant.initial_input), certificate)
     del bound["seconds"]
     return {
         "format": FORMAT,
@@ -79,7 +79,7 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
             "rest": "output" if study.command.tail else "state",
         },
         "bound": bound,
-        "command": bound["command"],
+        "command": None if design.command is None else design.command.to_dict(),
         "simulation": None if not runs else runs[0].simulation,
         "requirements": [_requirement(judgement) for judgement in judgements],
         "runs": tally(runs),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from problems import KNOWN, Known, two_mass
 
+from relaxations.errors import SolverError
 from relaxations.grids import grid
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant, exact
@@ -49,5 +50,10 @@ def test_a_fast_decay_is_resolved_at_the_end_and_a_fast_growth_at_the_beginning(
 
 
 def test_no_more_cells_than_asked_for_however_fast_the_mode():
-    instants = grid(posed(two_mass(stiffness="1e12")), 1e3, 200, 12, 1000)
+    instants = grid(posed(two_mass(stiffness=100)), 1e2, 200, 12, 1000)  # 225 periods want 2700 cells
     assert len(instants) - 1 == 1600  # the first number of doublings at or above it
+
+
+def test_a_move_of_countless_periods_is_not_pretended_to_be_resolved():
+    with pytest.raises(SolverError, match="periods"):
+        grid(posed(two_mass(stiffness="1e12")), 1e3, 200, 12, 1000)

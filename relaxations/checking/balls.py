@@ -1,28 +1,27 @@
-"""The plant in balls: isolated roots with exact multiplicities, moments, exponential polynomials. Everything returned encloses the truth.
+"""The task in balls: isolated roots with exact multiplicities, moments, exponential polynomials. Everything returned encloses the truth.
 
-Rest after the move is `M = target + Σ c_j column_j` for the moments `M_{p,k} = ∫_0^T s^k/k! e^{ps} u(T - s) ds` of the command's deviation u
-and the real coefficients c_j of its tail (docs/theory.md, equation 1). A complex moment counts as two real ones, (Re, -Im): coefficients
-(re, im) of a costate then pair with it as `Re c M`, and those of a tail with its shapes.
+Rest after the move is `M = target + Σ c_j column_j` for the moments `M_{p,k} = ∫_0^T s^k/k! e^{ps} u(T - s) ds` of the command's
+deviation u and the real coefficients c_j of its tail (docs/theory.md, equation 1). A complex moment counts as two real ones, (Re, -Im):
+coefficients (re, im) of a costate then pair with it as `Re c M`, and those of a tail with its shapes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import comb
+from typing import Any
 
 import flint
-from flint import acb, acb_mat, acb_poly, arb, fmpq, fmpq_poly, fmpz
+from flint import acb, acb_mat, acb_poly, arb, arb_mat, fmpq, fmpq_poly, fmpz
 
-from relaxations.checking.reading import Chain, PlantData, Task, require
+from relaxations.checking.reading import require
 
 ORDER = 8  # of Taylor's formula
 ISOLATION_BITS = 2048  # roots that these do not tell apart make a check inconclusive: it would cost too much
-LARGEST_POLYNOMIAL = 2_000_000  # bits times degree
-
-_work = {"left": 0.0}
+LARGEST_POLYNOMIAL = 2_000_000  # bits of a coefficient times degree
+work = {"left": 0.0}  # in units of about a microsecond, counted, so that a check ends on every machine at the same place
 
 
 class Inconclusive(Exception):
@@ -37,35 +36,23 @@ class Refuted(Exception):
     """An inequality that the claim rests on is proven false for the given witness."""
 
 
-@contextmanager
-def precision(bits: int) -> Iterator[None]:
-    """Work with `bits` bits inside the block: python-flint's precision is global."""
-    before, flint.ctx.prec = flint.ctx.prec, bits
-    try:
-        yield
-    finally:
-        flint.ctx.prec = before
-
-
-def budget(units: float) -> None:
-    """Allow so much work from now on, in units of about a microsecond: counted, so that every machine ends at the same place."""
-    _work["left"] = units
-
-
 def spend(units: float) -> None:
-    """Count work; raises `Inconclusive` when the budget is spent."""
-    _work["left"] -= units * (1 + flint.ctx.prec / 512)
-    if _work["left"] < 0:
+    """Count work; raises `Inconclusive` when all is spent."""
+    work["left"] -= units * (1 + flint.ctx.prec / 512)
+    if work["left"] < 0:
         raise Inconclusive("more work than a check may cost")
 
 
 @dataclass(frozen=True, slots=True)
 class Root:
-    """A root with Im ≥ 0 in a ball that holds no other; `flexible` stands for a conjugate pair."""
+    """A root with Im ≥ 0 in a ball that holds no other; one that is not real stands for a conjugate pair."""
 
     value: acb
     multiplicity: int
-    flexible: bool
+
+    @property
+    def flexible(self) -> bool:
+        return not self.value.imag.is_zero()
 
     @property
     def size(self) -> int:
@@ -87,34 +74,30 @@ class Root:
         return values
 
 
-def flat(roots: Sequence[Root], entries: Callable[[Root], Sequence[acb]]) -> list[arb]:
-    """Complex numbers for every root and k < multiplicity as real ones: (Re, -Im), at a real root Re alone."""
-    return [part for root in roots for entry in entries(root) for part in (entry.real, -entry.imag)[: 1 + root.flexible]]
+def flat(roots: Sequence[Root], entries: Callable[[Root], Sequence[acb]]) -> arb_mat:
+    """Complex numbers for every root and k < multiplicity as a column of real ones: (Re, -Im), at a real root Re alone."""
+    parts = [part for root in roots for entry in entries(root) for part in (entry.real, -entry.imag)[: 1 + root.flexible]]
+    return arb_mat(len(parts), 1, parts)
 
 
-def dot(xs: Sequence[arb], ys: Sequence[arb]) -> arb:
-    """Σ x y."""
-    return sum((x * y for x, y in zip(xs, ys, strict=True)), arb(0))
-
-
-def placed(roots: Sequence[Root], chains: Sequence[Chain]) -> tuple[list[fmpq], list[tuple[int, Root]]]:
+def placed(roots: Sequence[Root], chains: Sequence[Any]) -> tuple[list[fmpq], list[tuple[int, Root]]]:
     """The numbers of chains in the flat order, and where each chain begins, with its root: the nearest one (a wrong one proves nothing)."""
     numbers, found = [fmpq(0)] * sum(root.size for root in roots), []
-    for near, coefficients in chains:
+    for chain in chains:
         require(bool(roots), "coefficients of a tail that the task does not have")
-        best = min(range(len(roots)), key=lambda i: float(abs(roots[i].value - acb(*near)).mid()))
+        best = min(range(len(roots)), key=lambda i: float(abs(roots[i].value - acb(*chain.near)).mid()))
         begin, root = sum(other.size for other in roots[:best]), roots[best]
-        fits = len(coefficients) <= root.multiplicity and (root.flexible or not any(c[1] for c in coefficients))
+        fits = len(chain.coefficients) <= root.multiplicity and (root.flexible or not any(c[1] for c in chain.coefficients))
         require(fits and (begin, root) not in found, "a root is named twice, or with other coefficients than its multiplicity allows")
         found.append((begin, root))
-        for place, number in enumerate((part for c in coefficients for part in c[: 1 + root.flexible]), begin):
+        for place, number in enumerate((part for c in chain.coefficients for part in c[: 1 + root.flexible]), begin):
             numbers[place] = number
     return numbers, found
 
 
 @lru_cache(maxsize=32)
-def _isolated(coefficients: tuple[fmpz, ...], bits: int) -> tuple[tuple[acb, bool], ...]:
-    """The roots with Im ≥ 0 of a square-free polynomial (lowest power first) to a relative 2^-bits, and whether each is one of a pair."""
+def _isolated(coefficients: tuple[fmpz, ...], bits: int) -> tuple[acb, ...]:
+    """The roots with Im ≥ 0 of a square-free polynomial (lowest power first) to a relative 2^-bits; the real ones have no imaginary part."""
     try:
         accuracy = arb(2) ** -bits / acb_poly(list(coefficients[::-1])).root_bound()
         balls = acb_poly(list(coefficients)).roots(tol=accuracy, maxprec=ISOLATION_BITS)
@@ -123,17 +106,16 @@ def _isolated(coefficients: tuple[fmpz, ...], bits: int) -> tuple[tuple[acb, boo
     # A root whose ball meets the real axis is real if the mirrored ball, which holds the mirrored root, meets no other one.
     if any(ball.imag.contains(0) and sum(ball.conjugate().overlaps(other) for other in balls) > 1 for ball in balls):
         raise Undecided("a root is not told from its conjugate at this precision")
-    real = tuple((acb(ball.real), False) for ball in balls if ball.imag.contains(0))
-    return real + tuple((ball, True) for ball in balls if ball.imag > 0)
+    return tuple(acb(ball.real) if ball.imag.contains(0) else ball for ball in balls if not ball.imag < 0)
 
 
 def isolated(polynomial: fmpq_poly) -> tuple[Root, ...]:
     """All distinct roots with Im ≥ 0 and their exact multiplicities: square-free factorisation, then certified isolation."""
     whole = polynomial.numer()
     rigid = next(k for k, c in enumerate(whole.coeffs()) if c != 0)
-    found = [Root(acb(0), rigid, False)] if rigid else []
+    found = [Root(acb(0), rigid)] if rigid else []
     for factor, multiplicity in whole.right_shift(rigid).factor_squarefree()[1]:
-        found += [Root(value, multiplicity, flexible) for value, flexible in _isolated(tuple(factor.coeffs()), flint.ctx.prec)]
+        found += [Root(value, multiplicity) for value in _isolated(tuple(factor.coeffs()), flint.ctx.prec)]
     if sum(root.size for root in found) != polynomial.degree():
         raise Undecided("not every root was isolated")
     return tuple(found)
@@ -143,69 +125,70 @@ def stable(numerator: fmpq_poly) -> tuple[Root, ...]:
     """The zeros strictly left of the imaginary axis. Those on it are common to N(s) and N(-s), and counted there exactly."""
     common = numerator.gcd(fmpq_poly([c * (-1) ** k for k, c in enumerate(numerator.coeffs())]))
     squares = isolated(fmpq_poly(common.coeffs()[::2]))  # in w = s²: the common part is even, for N(0) is not 0
-    on_axis = sum(not w.flexible and bool(w.value.real < 0) for w in squares)
-    zeros = isolated(numerator)
-    left = tuple(zero for zero in zeros if zero.value.real < 0)
-    if len(zeros) != len(left) + on_axis + sum(bool(zero.value.real > 0) for zero in zeros):
+    on_axis, zeros = sum(not w.flexible and bool(w.value.real < 0) for w in squares), isolated(numerator)
+    if sum(not (zero.value.real < 0 or zero.value.real > 0) for zero in zeros) != on_axis:
         raise Undecided("a zero is not told from the imaginary axis at this precision")
-    return left
+    return tuple(zero for zero in zeros if zero.value.real < 0)
 
 
-def further(roots: Sequence[Root], data: PlantData) -> list[int]:
-    """Further zeros at each root: mode[i] (flexible) and real[i] count by ascending magnitude, which must be clear where counts differ."""
-    result, left = [0] * len(roots), dict(data.zeros)
+def further(roots: Sequence[Root], counts: dict[str, int]) -> tuple[Root, ...]:
+    """The roots with further zeros: mode[i] (flexible) and real[i] count by ascending magnitude, which must be clear where counts differ."""
+    result, left = list(roots), dict(counts)
     for kind, flexible in (("mode", True), ("real", False)):
         sizes = {i: abs(root.value) for i, root in enumerate(roots) if root.flexible is flexible and not root.value.is_zero()}
-        counts = [left.pop(f"{kind}[{place}]", 0) for place in range(1, len(sizes) + 1)]
+        given = [left.pop(f"{kind}[{place}]", 0) for place in range(1, len(sizes) + 1)]
         for i, size in sizes.items():
             smaller, larger = sum(other < size for other in sizes.values()), sum(other > size for other in sizes.values())
-            if len({*counts[smaller : len(sizes) - larger]}) > 1:
+            if len({*given[smaller : len(sizes) - larger]}) > 1:
                 raise Undecided("two modes have the same frequency: their order is not defined")
-            result[i] = counts[smaller]
+            result[i] = Root(roots[i].value, roots[i].multiplicity + given[smaller])
     require(not left, f"the plant has no {min(left, default='')[:40]!r}")
-    return result
+    return tuple(result)
 
 
 @dataclass(frozen=True, slots=True)
 class System:
     """A task in balls; inputs are deviations from the initial rest, exact. `rigid` is the multiplicity of the pole at the origin."""
 
-    task: Task
+    task: Any
     roots: tuple[Root, ...]
     zeros: tuple[Root, ...]
     rigid: int
     rest: fmpq
     lower: fmpq
     upper: fmpq
-    target: list[arb]
-    columns: list[list[arb]]
+    target: arb_mat
+    columns: arb_mat
+
+    def impulses(self, s: arb | fmpq) -> arb_mat:
+        """The moments of a unit impulse, s before the end."""
+        return flat(self.roots, lambda root: root.impulse(arb(s)))
+
+    def steps(self, s: arb | fmpq) -> arb_mat:
+        """The moments of a unit step, s before the end."""
+        return flat(self.roots, lambda root: root.step(arb(s)))
 
     def room(self, time: fmpq) -> tuple[fmpq, fmpq]:
         """How far above and below the final rest input the tail may be, `time` seconds after the move."""
-        above, below = self.upper - self.rest, self.rest - self.lower
-        since, within = self.task.limits[1] or (time + 1, fmpq(1))
-        share = within * min(above, below) if time >= since else max(above, below)
+        above, below, length = self.upper - self.rest, self.rest - self.lower, self.task.limits.tail_length
+        share = length.within * min(above, below) if length and time >= length.time else max(above, below)
         return min(above, share), min(below, share)
 
 
-def system(task: Task) -> System:
+def system(task: Any) -> System:
     """The task's equations; raises `Malformed` if it is no task: no rest within the limits, or hidden modes under output rest."""
-    (data,) = task.plants
-    numerator, denominator = (fmpq_poly(list(written[::-1])) for written in (data.numerator, data.denominator))
-    for polynomial in (numerator, denominator):
-        require(polynomial.numer().height_bits() * len(data.denominator) <= LARGEST_POLYNOMIAL, "the plant's numbers are too long")
-    output = task.rest == "output"
+    (plant,), output = task.plants, task.rest == "output"
+    numerator, denominator = (fmpq_poly(list(written[::-1])) for written in (plant.numerator, plant.denominator))
+    longest = max(numerator.numer().height_bits(), denominator.numer().height_bits()) * denominator.degree()
+    require(longest <= LARGEST_POLYNOMIAL, "the plant's numbers are too long")
     require(not output or numerator.gcd(denominator).degree() == 0, "under output rest numerator and denominator have no common factor")
-    found = isolated(denominator)
+    found, zeros = isolated(denominator), stable(numerator) if output else ()
     rigid = next((root.multiplicity for root in found if root.value.is_zero()), 0)
     ratio = task.displacement * denominator[rigid] / numerator[0]
     rest = fmpq(0) if rigid else ratio
-    lower, upper = (limit - task.initial_input for limit in task.limits[0])
+    lower, upper = (limit - task.initial_input for limit in task.limits.input)
     require(lower <= min(0, rest) and max(0, rest) <= upper, "the limits exclude the input at a rest")
-    roots = tuple(
-        Root(root.value, root.multiplicity + extra, root.flexible) for root, extra in zip(found, further(found, data), strict=True)
-    )
-    zeros = stable(numerator) if output else ()
+    roots = further(found, plant.zeros)
     spend(sum(zero.size for zero in zeros) * sum(root.size for root in roots))
 
     def target(root: Root) -> list[acb]:
@@ -213,24 +196,22 @@ def system(task: Task) -> System:
             return [acb(0)] * (rigid - 1) + [acb(ratio)]
         return [acb(rest) / (-root.value) ** (k + 1) for k in range(root.multiplicity)]
 
-    def column(zero: acb, power: int, unit: acb) -> list[arb]:
-        """What `Re unit r^l/l! e^{zr}` after the move adds: `(-1)^l C(k+l, l) / (z - p)^(k+l+1)`, half for z and half for its conjugate."""
+    columns = []
+    for zero, power, unit in [(z, k, u) for z in zeros for k in range(z.multiplicity) for u in (acb(1), acb(0, 1))[: 1 + z.flexible]]:
+        # `Re unit r^l/l! e^{zr}` after the move adds `(-1)^l C(k+l, l) / (z - p)^(k+l+1)`, half for z and half for its conjugate.
+        def tail(root: Root, z: acb = zero.value, power: int = power, unit: acb = unit) -> list[acb]:
+            one, other, degrees = 1 / (z - root.value), 1 / (z.conjugate() - root.value), range(power + 1, power + 1 + root.multiplicity)
+            return [(-1) ** power * comb(n - 1, power) * (unit * one**n + unit.conjugate() * other**n) / 2 for n in degrees]
 
-        def entries(root: Root) -> list[acb]:
-            signs = [comb(k + power, power) * (-1) ** power for k in range(root.multiplicity)]
-            halves = [(unit / 2, 1 / (zero - root.value)), (unit.conjugate() / 2, 1 / (zero.conjugate() - root.value))]
-            return [sign * sum((half * x ** (k + power + 1) for half, x in halves), acb(0)) for k, sign in enumerate(signs)]
-
-        return flat(roots, entries)
-
-    units = (acb(1), acb(0, 1))
-    columns = [column(z.value, power, unit) for z in zeros for power in range(z.multiplicity) for unit in units[: 1 + z.flexible]]
-    return System(task, roots, zeros, rigid, rest, lower, upper, flat(roots, target), columns)
+        columns += flat(roots, tail).entries()
+    aim = flat(roots, target)
+    tails = arb_mat(sum(zero.size for zero in zeros), aim.nrows(), columns).transpose()
+    return System(task, roots, zeros, rigid, rest, lower, upper, aim, tails)
 
 
 @dataclass(frozen=True, slots=True)
 class Wave:
-    """`Re Σ_roots Σ_k c_k s^k/k! e^{ps}`: a costate in time to go, a tail in time after the move. Row j of `rows` belongs to its derivative j."""
+    """`Re Σ_roots Σ_k c_k s^k/k! e^{ps}`: a costate in time to go, a tail in time after the move. Row j of `rows` is its derivative j."""
 
     roots: tuple[Root, ...]
     rows: acb_mat
@@ -238,13 +219,11 @@ class Wave:
     @staticmethod
     def of(roots: tuple[Root, ...], numbers: Sequence[arb | fmpq]) -> Wave:
         """From real coefficients in the flat order; d/ds turns c_k into p c_k + c_{k+1}."""
-        rest = iter(numbers)
-        rows = [[acb(next(rest), next(rest) if root.flexible else 0) for root in roots for _ in range(root.multiplicity)]]
-        last = [(root.value, k + 1 < root.multiplicity) for root in roots for k in range(root.multiplicity)]
+        rest, places = iter(numbers), [(root, k + 1 < root.multiplicity) for root in roots for k in range(root.multiplicity)]
+        rows = [[acb(next(rest), next(rest) if root.flexible else 0) for root, _ in places]]
         for _ in range(ORDER):
-            rows.append(
-                [p * c + (after if chained else 0) for (p, chained), c, after in zip(last, rows[-1], [*rows[-1][1:], 0], strict=True)]
-            )
+            steps = zip(places, rows[-1], [*rows[-1][1:], 0], strict=True)
+            rows.append([root.value * c + (after if chained else 0) for (root, chained), c, after in steps])
         return Wave(roots, acb_mat(rows))
 
     def __call__(self, s: arb) -> list[arb]:

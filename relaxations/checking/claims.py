@@ -7,22 +7,23 @@ from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from enum import Enum
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import flint
 from flint import fmpq
 
 from relaxations.checking import lower, upper
-from relaxations.checking.balls import Inconclusive, Refuted, Undecided, budget, precision, system
-from relaxations.checking.reading import Certificate, Malformed, read
+from relaxations.checking.balls import Inconclusive, Refuted, Undecided, system, work
+from relaxations.checking.reading import Malformed, read
 
 REST = {
     "state": "the state (of a controllable realisation) stays at rest from T on (state rest)",
     "output": "the output stays at its target from T on, and the input tends to its final rest value (output rest)",
 }
-IMPOSSIBLE = {"maneuver_time": None, "impossible": True}
 BITS = (128, 256, 512, 1024)
-WORK, WORK_PER_SIZE = 4e6, 2e3
-"""Units of work (about a microsecond each) that a check may cost, and further ones by the size of what it is about."""
+WORK, WORK_PER_PAIR = 4e6, 2e3
+"""Units of work that a check may cost, and further ones for every pair of a pole and a pole or a segment."""
 
 
 class Outcome(Enum):
@@ -40,7 +41,7 @@ class Check:
 
     outcome: Outcome
     reason: str
-    certificate: Certificate | None
+    certificate: SimpleNamespace | None
     bits: int
     seconds: float
 
@@ -50,37 +51,37 @@ class Check:
         if self.certificate is not None:
             record["task"] = self.certificate.written["task"]
             if self.outcome is Outcome.PROVED:
-                lower, upper, impossible = self.certificate.claim
-                record |= {"maneuver_time": {"lower": down(lower), "upper": up(upper)}} if not impossible else IMPOSSIBLE
-        if self.reason:
-            record["reason"] = self.reason
-        return record
+                sides = self.certificate.claim
+                proven = {"lower": rounded(sides.lower, ROUND_FLOOR), "upper": rounded(sides.upper, ROUND_CEILING)}
+                record |= {"maneuver_time": None, "impossible": True} if sides.impossible else {"maneuver_time": proven}
+        return record | ({"reason": self.reason} if self.reason else {})
 
 
 def check(content: bytes, bits: tuple[int, ...] = BITS) -> Check:
     """Read a certificate and prove every side that it claims, at rising precision; never raises for any content."""
-    begun, certificate, at, reason = time.perf_counter(), None, 0, ""
-
-    def ended(outcome: Outcome, reason: str = "") -> Check:
-        return Check(outcome, reason, certificate, at, time.perf_counter() - begun)
-
+    begun, before, certificate, at = time.perf_counter(), flint.ctx.prec, None, 0
+    outcome, reason = Outcome.INCONCLUSIVE, ""
     try:
         certificate = read(content)
-        budget(_work(certificate))
+        poles = len(certificate.task.plants[0].denominator)
+        work["left"] = WORK + WORK_PER_PAIR * poles * (poles + len(certificate.upper.segments if certificate.upper else ()))
         for at in bits:
+            flint.ctx.prec = at
             try:
-                with precision(at):
-                    _prove(certificate)
-                return ended(Outcome.PROVED)
+                _prove(certificate)
+                outcome, reason = Outcome.PROVED, ""
+                break
             except (Undecided, ZeroDivisionError, OverflowError) as problem:
                 reason = str(problem)
     except Malformed as problem:
-        return ended(Outcome.MALFORMED, str(problem))
+        outcome, reason = Outcome.MALFORMED, str(problem)
     except Refuted as problem:
-        return ended(Outcome.REFUTED, str(problem))
+        outcome, reason = Outcome.REFUTED, str(problem)
     except (Inconclusive, MemoryError) as problem:
         reason = str(problem) or type(problem).__name__
-    return ended(Outcome.INCONCLUSIVE, reason)
+    finally:
+        flint.ctx.prec = before
+    return Check(outcome, reason, certificate, at, time.perf_counter() - begun)
 
 
 def check_file(path: Path) -> Check:
@@ -88,54 +89,40 @@ def check_file(path: Path) -> Check:
     return check(path.read_bytes())
 
 
-def _work(certificate: Certificate) -> float:
-    """A proof costs about so much for every pair of a pole and a pole or a segment."""
-    poles = sum(len(data.denominator) for data in certificate.task.plants)
-    return WORK + WORK_PER_SIZE * poles * (poles + len(certificate.upper.segments if certificate.upper else ()))
+def _prove(certificate: SimpleNamespace) -> None:
+    posed, claimed = system(certificate.task), certificate.claim
+    if claimed.impossible is not None:
+        lower.impossible(posed, claimed.impossible)
+    if claimed.lower:
+        lower.prove(posed, certificate.lower, claimed.lower)
+    if claimed.upper is not None:
+        upper.prove(posed, certificate.upper, claimed.upper)
 
 
-def _prove(certificate: Certificate) -> None:
-    posed, (below, above, criterion) = system(certificate.task), certificate.claim
-    if criterion is not None:
-        lower.impossible(posed, criterion)
-    if below and certificate.lower is not None:
-        lower.prove(posed, certificate.lower, below)
-    if above is not None and certificate.upper is not None:
-        upper.prove(posed, certificate.upper, above)
-
-
-def _rounded(value: fmpq | None, rounding: str) -> str | None:
-    """17 digits of `value`, correctly rounded towards the safe side."""
+def rounded(value: fmpq | None, rounding: str) -> str | None:
+    """17 digits for people and scripts, correctly rounded towards the safe side."""
     if value is None:
         return None
     return f"{Context(prec=17, rounding=rounding).divide(Decimal(str(value.p)), Decimal(str(value.q))):f}"
 
 
-def down(value: fmpq | None) -> str | None:
-    """A lower bound for people and scripts: at most the proven one."""
-    return _rounded(value, ROUND_FLOOR)
-
-
-def up(value: fmpq | None) -> str | None:
-    """An upper bound for people and scripts: at least the proven one."""
-    return _rounded(value, ROUND_CEILING)
-
-
-def claim(certificate: Certificate) -> str:
+def claim(certificate: SimpleNamespace) -> str:
     """The whole claim in words, its numbers as written, so that a reader can see which problem it is about."""
-    task, (lower, upper, impossible) = certificate.written["task"], certificate.claim
+    task, limits, sides = certificate.written["task"], certificate.written["task"]["limits"], certificate.claim
     lines = ["Plant (highest power of s first):"]
     for plant in task["plants"]:
         lines += [f"  {name:<12} [{', '.join(plant[name])}]" for name in ("numerator", "denominator")]
         if plant["zeros"]:
             lines.append("  further zeros of the command: " + ", ".join(f"{count} at {name}" for name, count in plant["zeros"].items()))
-    rest, (low, high), tail = REST[task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
+    rest, (low, high), tail = REST[task["rest"]], limits["input"], limits["tail_length"]
     lines.append(f"Task: from rest at input {task['initial_input']} move the output by {task['displacement']}; {rest}.")
     lines.append(f"Limits: {low} ≤ u(t) ≤ {high} for all t ≥ 0.")
     if tail:
         where = f"within {tail['within']} of the nearer limit's distance from its final rest value"
         lines.append(f"  From {tail['time']} s after T on, the input stays {where}.")
-    sides = ["no measurable command within the limits does this in any time"] if impossible else []
-    sides += [f"no measurable command within the limits does this in less than {down(lower)} s"] if lower is not None else []
-    sides += [f"one does it in at most {up(upper)} s"] if upper is not None else []
-    return "\n".join([*lines, f"Claim: {'; '.join(sides)}."])
+    words = ["no measurable command within the limits does this in any time"] if sides.impossible else []
+    if sides.lower is not None:
+        words.append(f"no measurable command within the limits does this in less than {rounded(sides.lower, ROUND_FLOOR)} s")
+    if sides.upper is not None:
+        words.append(f"one does it in at most {rounded(sides.upper, ROUND_CEILING)} s")
+    return "\n".join([*lines, f"Claim: {'; '.join(words)}."])

@@ -2,24 +2,24 @@
 
     λᵀ target > ∫_0^T σ(p) ds + Σ μ⁺ above + μ⁻ below   ⇒   no admissible command takes T or less
 
-for σ(p) = max(upper p, lower p), lower ≤ 0 ≤ upper: the right side grows with T. Where the rest input lies *on* a limit, no T may be enough,
-and balls cannot decide an equality; two criteria in rationals then speak of costates of one term, without a tail:
+for σ(p) = max(upper p, lower p), lower ≤ 0 ≤ upper: the right side grows with T. Where the rest input lies *on* a limit, no T may be
+enough, and balls cannot decide an equality; two criteria in rationals then speak of costates of one term, without a tail:
 
-face       a double pole at the origin asks for ∫u = 0. If u may leave 0 to one side only, it is 0 almost everywhere, and nothing moves.
-remainder  a stable real pole a asks for ∫_0^T e^{as} u ds = u_ss ∫_0^∞ e^{as} ds. If u_ss is itself a limit, the left side never is as large.
+face       a double pole at the origin asks for ∫u = 0. If u may leave 0 to one side only, it is 0 almost everywhere: nothing moves.
+remainder  a stable real pole a asks for ∫_0^T e^{as} u ds = u_ss ∫_0^∞ e^{as} ds. If u_ss is a limit, the left side is never that large.
 """
 
 from __future__ import annotations
 
-from functools import partial
 from itertools import groupby
 from operator import itemgetter
+from typing import Any
 
 import flint
 from flint import arb, arb_mat, fmpq
 
-from relaxations.checking.balls import Inconclusive, Refuted, Root, System, Undecided, Wave, dot, flat, placed, spend
-from relaxations.checking.reading import Lower, require
+from relaxations.checking.balls import Inconclusive, Refuted, System, Undecided, Wave, flat, placed, spend
+from relaxations.checking.reading import require
 
 
 def impossible(system: System, criterion: str) -> None:
@@ -32,23 +32,18 @@ def impossible(system: System, criterion: str) -> None:
         raise Inconclusive(f"the criterion '{criterion}' does not apply to this task")
 
 
-def costate(system: System, witness: Lower) -> list[arb]:
+def costate(system: System, witness: Any) -> arb_mat:
     """λ in balls: the one written, moved (least squares) onto the equalities `λᵀ column_j = -Σ (μ⁺ - μ⁻) shape_j(τ)` of a free tail."""
-    numbers, columns = [arb(x) for x in placed(system.roots, witness.costate[0])[0]], system.columns
-    if not columns:
-        return numbers
-    spend(len(columns) ** 2 * len(numbers))
-    excess = [dot(numbers, column) for column in columns]
-    for time, upper, lower in witness.tail:
-        shapes = flat(system.zeros, partial(Root.impulse, s=arb(time)))
-        excess = [value + arb(upper - lower) * shape for value, shape in zip(excess, shapes, strict=True)]
+    numbers, columns = placed(system.roots, witness.costate[0])[0], system.columns
+    written = arb_mat(len(numbers), 1, numbers)
+    excess = columns.transpose() * written
+    for contact in witness.tail:
+        excess += flat(system.zeros, lambda zero, at=contact.time: zero.impulse(arb(at))) * arb(contact.upper - contact.lower)
+    spend(columns.ncols() ** 2 * columns.nrows())
     try:
-        change = arb_mat([[dot(x, y) for y in columns] for x in columns]).solve(arb_mat([[value] for value in excess]))
+        return written - columns * (columns.transpose() * columns).solve(excess)
     except ZeroDivisionError:
         raise Undecided("the tail's equalities cannot be solved for the costate at this precision") from None
-    for j, column in enumerate(columns):
-        numbers = [number - change[j, 0] * x for number, x in zip(numbers, column, strict=True)]
-    return numbers
 
 
 def support(p: Wave, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
@@ -91,19 +86,19 @@ def support(p: Wave, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
     return total
 
 
-def prove(system: System, witness: Lower, time: fmpq) -> None:
+def prove(system: System, witness: Any, time: fmpq) -> None:
     """Prove that no admissible command takes `time` seconds or less; raises `Refuted` or `Undecided`."""
     require(bool(system.zeros) or not witness.tail, "multipliers of a tail that the task does not have")
     numbers = costate(system, witness)
-    gain = dot(numbers, system.target)
-    for contact, upper, lower in witness.tail:
-        above, below = system.room(contact)
-        gain -= arb(upper * above + lower * below)
+    gain = (numbers.transpose() * system.target)[0, 0]
+    for contact in witness.tail:
+        above, below = system.room(contact.time)
+        gain -= arb(contact.upper * above + contact.lower * below)
     if gain <= 0:
         raise Refuted("the lower bound's inequality (2) is false for this costate, whatever the time")
     if not gain > 0:
         raise Undecided("the lower bound's inequality (2) is undecided at this precision")
-    p, horizon = Wave.of(system.roots, numbers), arb(time).upper()
+    p, horizon = Wave.of(system.roots, numbers.entries()), arb(time).upper()
     fine = (gain / horizon * arb(2) ** (-flint.ctx.prec // 2)).lower()
     integral = support(p, horizon, arb(system.lower), arb(system.upper), fine)
     if integral < gain:

@@ -1,5 +1,5 @@
-"""The upper side: a command that provably exists. Some of its numbers (instants, levels, tail coefficients, the duration) are unknowns;
-Krawczyk's test proves that exact values lie near those written, at which the plant comes to rest, and the limits are checked on their balls.
+"""The upper side: a command that provably exists. Some of its numbers (instants, levels, tail coefficients, duration) are unknowns: Krawczyk's
+test proves that exact values lie near those written, at which the plant comes to rest, and the limits are checked on their balls.
 
 One mechanism serves commands refined to exact switch times and staircases repaired on a grid (docs/theory.md, section 4). A command of n
 segments is a list: its duration, n starts, n levels (deviations from the initial rest input), its tail's coefficients in the flat order.
@@ -7,92 +7,74 @@ segments is a list: its duration, n starts, n levels (deviations from the initia
 
 from __future__ import annotations
 
-from functools import partial
 from itertools import pairwise
 from math import factorial
+from typing import Any
 
 from flint import arb, arb_mat, fmpq
 
-from relaxations.checking.balls import Refuted, Root, System, Undecided, Wave, dot, flat, placed, spend
-from relaxations.checking.reading import Upper, require
+from relaxations.checking.balls import Refuted, System, Undecided, Wave, placed, spend
+from relaxations.checking.reading import require
 
 Number = fmpq | arb
 """Exact as written, or the ball of an unknown."""
 
 
-def as_written(system: System, witness: Upper) -> tuple[list[Number], list[int]]:
+def as_written(system: System, witness: Any) -> tuple[list[Number], list[int]]:
     """The command, and the places of its unknowns."""
-    starts, levels = ([segment[part] for segment in witness.segments] for part in (0, 1))
-    tail, found = placed(system.zeros, witness.tail)
-    first, unknowns = {"time": 0, "start": 1, "level": 1 + len(starts)}, []
+    segments, (tail, found) = witness.segments, placed(system.zeros, witness.tail)
+    first, unknowns = {"time": 0, "start": 1, "level": 1 + len(segments)}, []
     for kind, i, k in witness.free:
-        if kind in first:
-            unknowns.append(first[kind] + i)
-            continue
-        begin, zero = found[i]
-        require(zero.flexible or kind == "re", "the coefficients at a real zero have no imaginary part to solve for")
-        unknowns.append(1 + 2 * len(starts) + begin + (1 + zero.flexible) * k + (kind == "im"))
-    return [witness.maneuver_time, *starts, *(level - system.task.initial_input for level in levels), *tail], unknowns
+        begin, zero = found[i] if kind not in first else (0, None)
+        require(zero is None or zero.flexible or kind == "re", "the coefficients at a real zero have no imaginary part to solve for")
+        place = first[kind] + i if zero is None else 1 + 2 * len(segments) + begin + (1 + zero.flexible) * k + (kind == "im")
+        unknowns.append(place)
+    levels = [segment.level - system.task.initial_input for segment in segments]
+    return [witness.maneuver_time, *(segment.start for segment in segments), *levels, *tail], unknowns
 
 
-def residual(system: System, n: int, command: list[Number]) -> list[arb]:
+def residual(system: System, n: int, command: list[Number]) -> arb_mat:
     """The moments of the command minus where they must be, tail included."""
-    total = [-value for value in system.target]
-    starts, levels = command[1 : n + 1], command[n + 1 : 2 * n + 1]
-    for start, (before, level) in zip(starts, pairwise([fmpq(0), *levels]), strict=True):
-        if level != before:
-            steps = flat(system.roots, partial(Root.step, s=arb(command[0] - start)))
-            total = [value + (level - before) * x for value, x in zip(total, steps, strict=True)]
-    for number, column in zip(command[2 * n + 1 :], system.columns, strict=True):
-        total = [value - number * x for value, x in zip(total, column, strict=True)]
+    tail = command[2 * n + 1 :]
+    total = -system.target - system.columns * arb_mat(len(tail), 1, tail)
+    for start, (before, level) in zip(command[1 : n + 1], pairwise([fmpq(0), *command[n + 1 : 2 * n + 1]]), strict=True):
+        if not arb(level - before).is_zero():
+            total += system.steps(command[0] - start) * arb(level - before)
     return total
 
 
-def jacobian(system: System, n: int, command: list[Number], unknowns: list[int]) -> arb_mat:
-    """Derivatives of the residual by each unknown, over the command's balls."""
-    instants, levels = [*command[1 : n + 1], command[0]], command[n + 1 : 2 * n + 1]
-
-    def impulses(i: int) -> list[arb]:
-        jump = levels[i] - (levels[i - 1] if i else 0)
-        return [jump * b for b in flat(system.roots, partial(Root.impulse, s=arb(command[0] - instants[i])))]
-
-    def column(place: int) -> list[arb]:
-        if place == 0:
-            return [sum(own, arb(0)) for own in zip(*map(impulses, range(n)), strict=True)]
-        if place <= n:
-            return [-x for x in impulses(place - 1)]
-        if place > 2 * n:
-            return [-x for x in system.columns[place - 2 * n - 1]]
-        first, last = (flat(system.roots, partial(Root.step, s=arb(command[0] - instants[place - n - k]))) for k in (1, 0))
-        return [a - b for a, b in zip(first, last, strict=True)]
-
-    return arb_mat([column(place) for place in unknowns]).transpose()
+def derivative(system: System, n: int, command: list[Number], place: int) -> arb_mat:
+    """Of the residual by the number at `place`, over the command's balls."""
+    time, instants, levels = command[0], [*command[1 : n + 1], command[0]], [fmpq(0), *command[n + 1 : 2 * n + 1]]
+    if place == 0:
+        jumps = (system.impulses(time - instants[i]) * arb(levels[i + 1] - levels[i]) for i in range(n))
+        return sum(jumps, arb_mat(system.target.nrows(), 1))
+    if place <= n:
+        return system.impulses(time - instants[place - 1]) * arb(levels[place - 1] - levels[place])
+    if place <= 2 * n:
+        return system.steps(time - instants[place - n - 1]) - system.steps(time - instants[place - n])
+    return -system.columns * arb_mat(system.columns.ncols(), 1, [int(j == place - 2 * n - 1) for j in range(system.columns.ncols())])
 
 
-def solve(system: System, witness: Upper) -> list[Number]:
+def solve(system: System, n: int, witness: Any) -> list[Number]:
     """Krawczyk: `K = x - Y F(x) + (I - Y J(X)) (X - x)` inside X proves a solution in K; returns the command with its unknowns in K."""
-    (command, unknowns), n, size = as_written(system, witness), len(witness.segments), len(system.target)
+    (command, unknowns), size = as_written(system, witness), system.target.nrows()
     require(len(unknowns) == size, f"{size} equations need {size} unknowns, upper.free names {len(unknowns)}")
-    if size == 0:
-        return command
 
     def moved(changes: list[arb]) -> list[Number]:
-        result = list(command)
-        for place, change in zip(unknowns, changes, strict=True):
-            result[place] += change
-        return result
+        by = dict(zip(unknowns, changes, strict=True))
+        return [number + by[place] if place in by else number for place, number in enumerate(command)]
 
     spend(2 * size**3)
     spread = arb(0, arb(witness.radius).upper())
-    slopes = jacobian(system, n, moved([spread] * size), unknowns)
+    wide = moved([spread] * size)
+    slopes = arb_mat(size, size, [x for place in unknowns for x in derivative(system, n, wide, place).entries()]).transpose()
     try:
-        inverse = arb_mat([[x.mid() for x in row] for row in slopes.tolist()]).inv()
+        inverse = slopes.mid().inv().mid()
     except ZeroDivisionError:
         raise Undecided("the equations for the unknowns are singular at this precision") from None
-    inverse = arb_mat([[x.mid() for x in row] for row in inverse.tolist()])
-    identity = arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
-    image = (identity - inverse * slopes) * arb_mat([[spread]] * size) - inverse * arb_mat([[x] for x in residual(system, n, command)])
-    changes = [image[i, 0] for i in range(size)]
+    spreads = arb_mat(size, 1, [spread] * size)
+    changes = ((arb_mat(size, size, 1) - inverse * slopes) * spreads - inverse * residual(system, n, command)).entries()
     if all(spread.contains_interior(change) for change in changes):
         return moved(changes)
     if any(not spread.overlaps(change) for change in changes):
@@ -114,13 +96,13 @@ def settled(tail: Wave, r: arb, above: fmpq, below: fmpq) -> bool:
     for zero, rate in zip(tail.roots, rates, strict=True):
         sizes = [abs(next(coefficients)) for _ in range(zero.multiplicity)]
         powers.append(max((k for k, size in enumerate(sizes) if not size.is_zero()), default=0))
-        parts.append(dot(sizes, [(rate * r).exp() * r**k / factorial(k) for k in range(zero.multiplicity)]))
+        parts.append(sum((size * (rate * r).exp() * r**k / factorial(k) for k, size in enumerate(sizes)), arb(0)))
     if not all(-rate * r >= power for rate, power in zip(rates, powers, strict=True)):
         return False  # r^k e^{-ar} falls from r = k/a on only
     envelope = sum(parts, arb(0))
     if envelope <= min(above, below):
         return True
-    # Each other part over the slowest is r^k e^{-dr}, which falls from r = k/d on: what the slowest outweighs at r, it outweighs for ever.
+    # Another part over the slowest is r^k e^{-dr}, which falls from r = k/d on: what the slowest outweighs at r, it outweighs for ever.
     slowest = max((i for i, part in enumerate(parts) if not part.is_zero()), key=lambda i: float(rates[i].mid()))
     others = [i for i, part in enumerate(parts) if i != slowest and not part.is_zero()]
     falls = all((rates[slowest] - rates[i]) * r >= powers[i] for i in others) and powers[slowest] == 0 and not tail.roots[slowest].flexible
@@ -150,7 +132,8 @@ def tail_limits(system: System, n: int, command: list[Number]) -> None:
     if all(number == 0 for number in command[2 * n + 1 :]):
         return
     tail = Wave.of(system.zeros, command[2 * n + 1 :])
-    later, far = (system.task.limits[1] or (fmpq(0), None))[0], max((-1 / zero.value.real).upper() for zero in tail.roots)
+    length = system.task.limits.tail_length
+    later, far = length.time if length else fmpq(0), max((-1 / zero.value.real).upper() for zero in tail.roots)
     for _ in range(100):
         if far >= later and settled(tail, far, *system.room(later)):
             break
@@ -167,9 +150,10 @@ def tail_limits(system: System, n: int, command: list[Number]) -> None:
     inside(tail, arb(later).lower(), far, system.room(later), first)
 
 
-def prove(system: System, witness: Upper, time: fmpq) -> None:
+def prove(system: System, witness: Any, time: fmpq) -> None:
     """Prove that an admissible command of at most `time` seconds exists; raises `Refuted` or `Undecided`."""
-    command, n = solve(system, witness), len(witness.segments)
+    n = len(witness.segments)
+    command = solve(system, n, witness)
     for i, (before, after) in enumerate(pairwise([*command[1 : n + 1], command[0]]), 1):
         at_most(before, after, f"instant {i} comes after the one before")
     for i, level in enumerate(command[n + 1 : 2 * n + 1]):
