@@ -4,7 +4,8 @@ At a fixed maneuver time the *reachable fraction* α of the target is maximised 
 
     maximise α   subject to   Q u = α q + S c,   u_k = Σ_{i≤k} A_i,   lower ≤ u ≤ upper,   -α below_i ≤ (E c)_i ≤ α above_i
 
-over the impulse amplitudes A, the staircase u that they add up to, and the coefficients c of the tail, whose limits are imposed at instants
+over the impulse amplitudes A, that is, over the staircase u that they add up to (the solver's variables are the values u: with A as further
+variables, linked sparsely, 10⁵ intervals take twice as long), and over the coefficients c of the tail, whose limits are imposed at instants
 after the move and scale with α on both sides (unscaled, α would have a ceiling where the final rest input lies on a limit). The rows are
 orthonormal, so that no scaling of poles, time or units is left in them, and the program is always feasible. Solver status is never
 evidence: what comes out is a candidate.
@@ -145,9 +146,9 @@ def _compiled(size: int, cells: int, coefficients: int, looks: int) -> dict[str,
     named: dict[str, Any] = {"rows": cp.Parameter((size, cells)), "target": cp.Parameter(size)}
     named |= {"lower": cp.Parameter(), "upper": cp.Parameter()}
     named |= {"levels": cp.Variable(cells), "fraction": cp.Variable()}
-    amplitudes, levels, fraction = cp.Variable(cells), named["levels"], named["fraction"]
+    levels, fraction = named["levels"], named["fraction"]
     landed = fraction * named["target"]
-    limits = [levels[0] == amplitudes[0], cp.diff(levels) == amplitudes[1:], levels >= named["lower"], levels <= named["upper"]]
+    limits = [levels >= named["lower"], levels <= named["upper"]]
     if coefficients:
         named |= {"columns": cp.Parameter((size, coefficients)), "shapes": cp.Parameter((looks, coefficients))}
         named |= {"above": cp.Parameter(looks), "below": cp.Parameter(looks), "tail": cp.Variable(coefficients)}

@@ -81,14 +81,14 @@ def flat(roots: Sequence[Root], entries: Callable[[Root], Sequence[acb]]) -> arb
 
 
 def placed(roots: Sequence[Root], chains: Sequence[Any]) -> tuple[list[fmpq], list[tuple[int, Root]]]:
-    """The numbers of chains in the flat order, and where each chain begins, with its root: the nearest one (a wrong one proves nothing)."""
+    """The numbers of chains in the flat order; where each begins, and its root: the nearest one (a wrong one proves nothing)."""
     numbers, found = [fmpq(0)] * sum(root.size for root in roots), []
     for chain in chains:
         require(bool(roots), "coefficients of a tail that the task does not have")
         best = min(range(len(roots)), key=lambda i: float(abs(roots[i].value - acb(*chain.near)).mid()))
         begin, root = sum(other.size for other in roots[:best]), roots[best]
         fits = len(chain.coefficients) <= root.multiplicity and (root.flexible or not any(c[1] for c in chain.coefficients))
-        require(fits and (begin, root) not in found, "a root is named twice, or with other coefficients than its multiplicity allows")
+        require(fits and begin not in dict(found), "a root is named twice, or with other coefficients than its multiplicity allows")
         found.append((begin, root))
         for place, number in enumerate((part for c in chain.coefficients for part in c[: 1 + root.flexible]), begin):
             numbers[place] = number
@@ -132,7 +132,7 @@ def stable(numerator: fmpq_poly) -> tuple[Root, ...]:
 
 
 def further(roots: Sequence[Root], counts: dict[str, int]) -> tuple[Root, ...]:
-    """The roots with further zeros: mode[i] (flexible) and real[i] count by ascending magnitude, which must be clear where counts differ."""
+    """The roots with further zeros: mode[i] (flexible) and real[i] by ascending magnitude, which must be clear where counts differ."""
     result, left = list(roots), dict(counts)
     for kind, flexible in (("mode", True), ("real", False)):
         sizes = {i: abs(root.value) for i, root in enumerate(roots) if root.flexible is flexible and not root.value.is_zero()}
@@ -236,6 +236,7 @@ class Wave:
 
     def over(self, a: arb, b: arb) -> tuple[arb, arb, arb, arb]:
         """The middle c of [a, b], the value there, and balls around slope and value on all of [a, b], by Taylor's formula."""
+        spend(30)
         c, whole = ((a + b) / 2).mid(), a.union(b)
         x, terms = whole - c, [*self(c)[:-1], self(whole)[-1]]
         slope = value = terms[-1]

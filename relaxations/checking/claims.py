@@ -22,8 +22,8 @@ REST = {
     "output": "the output stays at its target from T on, and the input tends to its final rest value (output rest)",
 }
 BITS = (128, 256, 512, 1024)
-WORK, WORK_PER_PAIR = 4e6, 2e3
-"""Units of work that a check may cost, and further ones for every pair of a pole and a pole or a segment."""
+WORK, WORK_PER_PAIR, MOST_WORK = 3e6, 500, 5e7
+"""What a check may cost, and what more for every pair of a pole and a pole or a segment: some seconds as a rule, half a minute at most."""
 
 
 class Outcome(Enum):
@@ -63,8 +63,8 @@ def check(content: bytes, bits: tuple[int, ...] = BITS) -> Check:
     outcome, reason = Outcome.INCONCLUSIVE, ""
     try:
         certificate = read(content)
-        poles = len(certificate.task.plants[0].denominator)
-        work["left"] = WORK + WORK_PER_PAIR * poles * (poles + len(certificate.upper.segments if certificate.upper else ()))
+        poles, segments = len(certificate.task.plants[0].denominator), certificate.upper.segments if certificate.upper else ()
+        work["left"] = min(WORK + WORK_PER_PAIR * poles * (poles + len(segments)), MOST_WORK)
         for at in bits:
             flint.ctx.prec = at
             try:

@@ -11,7 +11,7 @@ remainder  a stable real pole a asks for ∫_0^T e^{as} u ds = u_ss ∫_0^∞ e^
 
 from __future__ import annotations
 
-from itertools import groupby
+from itertools import groupby, pairwise
 from operator import itemgetter
 from typing import Any
 
@@ -53,12 +53,13 @@ def support(p: Wave, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
     `fine` it counts as a radius instead. Raises `Undecided` where p is not known that well.
     """
     span, total = upper - lower, arb(0)
-    decided: list[tuple[arb, arb, int]] = []  # in ascending order: [a, b] and the sign of p there, or 0
-    waiting: list[tuple[arb, arb, int | None]] = [(arb(0), horizon, None)]
+    decided, waiting = [], [(arb(0), horizon, 0)]  # [a, b] and the sign of p there, in ascending order; 0: bounded, or not looked at yet
     while waiting:
         a, b, sign = waiting.pop()
-        if sign is not None:
-            decided += [(a, b, sign)] if a < b else []
+        if a == b:
+            continue
+        if sign:
+            decided.append((a, b, sign))
             continue
         c, value, slope, values = p.over(a, b)
         small = (abs(values) * span).upper()
@@ -72,13 +73,14 @@ def support(p: Wave, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
         elif slope > 0 or slope < 0:
             # Left of the enclosure of c - p(c)/p' the sign of p is that of -p', right of it that of p', whether or not [a, b] holds a root.
             rising, root = (1 if slope > 0 else -1), c - value / slope
-            low = min(max(root.lower(), a), b)
-            high = max(min(root.upper(), b), a)
-            middle = ((low + high) / 2).mid()
-            halves = [(middle, high, None), (low, middle, None)] if (high - low) * 2 > b - a else [(low, high, None)] if low < high else []
-            waiting += [(high, b, rising), *halves, (a, low, -rising)]
+            low = root.lower() if a < root.lower() < b else b if root.lower() > b else a
+            high = root.upper() if a < root.upper() < b else a if root.upper() < a else b
+            middle = ((low + high) / 2).mid() if (high - low) * 2 > b - a else low
+            waiting += [(high, b, rising), (middle, high, 0), (low, middle, 0), (a, low, -rising)]
         else:
-            waiting += [(c, b, None), (a, c, None)]
+            waiting += [(c, b, 0), (a, c, 0)]
+    if not (decided[0][0] == 0 and decided[-1][1] == horizon and all(one[1] == next_[0] for one, next_ in pairwise(decided))):
+        raise Undecided("the horizon is not covered")
     for sign, cells in groupby(decided, key=itemgetter(2)):
         run = list(cells)
         if sign:
@@ -103,6 +105,7 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     integral = support(p, horizon, arb(system.lower), arb(system.upper), fine)
     if integral < gain:
         return
-    if integral > gain:
+    since = abs(p(arb(time).union(horizon))[0]) * arb(system.upper - system.lower) * (horizon - arb(time))
+    if integral - since > gain:
         raise Refuted("the lower bound's inequality (2) is false for this costate at the time that is claimed")
     raise Undecided("the lower bound's inequality (2) is undecided at this precision")

@@ -61,7 +61,7 @@ def counts(data: Any, where: str) -> dict[str, int]:
     return data
 
 
-# A dictionary is an object of exactly these members, a list an array of (item, least, most), a pair with None may be null, a set a choice.
+# A dictionary is an object of exactly these members, a list (item, least, most) an array, a pair with None may be null, a set is a choice.
 PAIR: list[Any] = [real, 2, 2]
 POLYNOMIAL: list[Any] = [real, 1, MOST_POLES + 1]  # the highest power of s first
 PLANT = {"numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "zeros": counts}

@@ -1,5 +1,5 @@
-"""The upper side: a command that provably exists. Some of its numbers (instants, levels, tail coefficients, duration) are unknowns: Krawczyk's
-test proves that exact values lie near those written, at which the plant comes to rest, and the limits are checked on their balls.
+"""The upper side: a command that provably exists. Some of its numbers (instants, levels, tail coefficients, duration) are unknowns:
+Krawczyk's test proves that exact values lie near those written, with which the plant comes to rest; the limits are checked on their balls.
 
 One mechanism serves commands refined to exact switch times and staircases repaired on a grid (docs/theory.md, section 4). A command of n
 segments is a list: its duration, n starts, n levels (deviations from the initial rest input), its tail's coefficients in the flat order.
@@ -105,7 +105,8 @@ def settled(tail: Wave, r: arb, above: fmpq, below: fmpq) -> bool:
     # Another part over the slowest is r^k e^{-dr}, which falls from r = k/d on: what the slowest outweighs at r, it outweighs for ever.
     slowest = max((i for i, part in enumerate(parts) if not part.is_zero()), key=lambda i: float(rates[i].mid()))
     others = [i for i, part in enumerate(parts) if i != slowest and not part.is_zero()]
-    falls = all((rates[slowest] - rates[i]) * r >= powers[i] for i in others) and powers[slowest] == 0 and not tail.roots[slowest].flexible
+    steady = powers[slowest] == 0 and not tail.roots[slowest].flexible
+    falls = steady and all((rates[slowest] - rates[i]) * r >= powers[i] for i in others)
     first = tail.rows[0, sum(zero.multiplicity for zero in tail.roots[:slowest])].real
     inward = (above == 0 and first < 0) or (below == 0 and first > 0)
     return bool(falls and inward and envelope <= max(above, below) and sum((parts[i] for i in others), arb(0)) < parts[slowest])
