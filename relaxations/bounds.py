@@ -144,7 +144,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
     for start in (grid.above, grid.below):
         if start is None:
             continue
-        touching = _contacts(problem, start)
+        touching = contacts(problem, start)
         if touching is None:
             tried.append("the tail touches a limit in its course")
             continue
@@ -170,20 +170,20 @@ def _tail_only(problem: Problem) -> Reals | None:
     return coefficients if np.all(course <= above + slack) and np.all(-course <= below + slack) else None
 
 
-def _contacts(problem: Problem, solution: programs.GridSolution) -> TailStart | None:
+def contacts(problem: Problem, solution: programs.GridSolution) -> TailStart | None:
     """The tail of a grid's solution and where it touches its limits; None if it does so in its course, at no instant known exactly."""
     known = {0.0} | ({problem.tail.length.time} if problem.tail.length else set())
     weights = [(t, above * room) for t, above, room in zip(solution.program.looks, solution.mu_above, solution.program.above, strict=True)]
     weights += [(t, below * room) for t, below, room in zip(solution.program.looks, solution.mu_below, solution.program.below, strict=True)]
     if sum(abs(w) for t, w in weights if t not in known) > 1e-4 * (1.0 + solution.price(problem)):
         return None
-    contacts = []
+    found = []
     for t, above, below in solution.tail_multipliers:
         side, multiplier = (1, above) if above > below else (-1, below)
         room = problem.tail.room(np.array([t]))[0 if side > 0 else 1][0]
         if t in known and multiplier * room > 1e-6:
-            contacts.append(Contact(t, side, multiplier))
-    return TailStart(solution.tail_coefficients, tuple(contacts))
+            found.append(Contact(t, side, multiplier))
+    return TailStart(solution.tail_coefficients, tuple(found))
 
 
 def instants(problem: Problem, horizon: float, settings: Settings) -> Reals:

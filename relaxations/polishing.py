@@ -6,6 +6,7 @@ The same square system as in `relaxations.refinement`; python-flint's balls serv
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -17,8 +18,10 @@ from relaxations.maneuvers import Problem
 from relaxations.plants import Pole, precision
 from relaxations.refinement import Extremal
 
-BITS = 192
-ITERATIONS = 12
+BITS, BITS_PER_EQUATION = 192, 4  # the condition of a chain's equations grows with every mode
+ITERATIONS = 30
+MOST_EQUATIONS = 250  # the dense system of so many is solved in seconds
+SHARES = (1, 0.5, 0.25, 0.125, 2.0**-4, 2.0**-6, 2.0**-8)
 DIGITS = 45  # of the numbers handed on
 INSIDE = Fraction(1, 10**30)  # of its room: how far a tail that touches a limit is kept inside it
 
@@ -122,10 +125,14 @@ def _exact(problem: Problem) -> _Exact:
     return _Exact(roots, target, zeros, columns)
 
 
-def polish(problem: Problem, extremal: Extremal, bits: int = BITS) -> Polished | None:
-    """The extremal to some 45 digits, or None if Newton's method leaves it (degenerate optima have no square system)."""
-    if len(problem.plants) != 1:
+def polish(problem: Problem, extremal: Extremal, bits: int | None = None) -> Polished | None:
+    """The extremal to some 45 digits, or None if Newton's method leaves it (degenerate optima have no square system).
+
+    It may also start from a mere outline (`relaxations.refinement.outline`), where double precision has failed.
+    """
+    if len(problem.plants) != 1 or problem.size + len(extremal.switches_to_go) > MOST_EQUATIONS:
         return None
+    bits = bits or BITS + BITS_PER_EQUATION * problem.size
     with precision(bits):
         try:
             return _polish(problem, extremal, _exact(problem), bits)
@@ -189,9 +196,13 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
             for j in range(n):
                 matrix[size + m + n + 1 + k][tail + j] = shapes[k][j]
         step = arb_mat([[v.mid() for v in row] for row in matrix]).solve(arb_mat([[v.mid()] for v in values]))
-        x = [(value - step[i, 0]).mid() for i, value in enumerate(x)]
+        # A step that would reorder the arcs is shortened: a start may be no better than the grid.
+        share = next((share for share in SHARES if _ordered([x[i] - share * step[i, 0] for i in range(m + 1)])), None)
+        if share is None:
+            return None
+        x = [(value - share * step[i, 0]).mid() for i, value in enumerate(x)]
         moved = max(float(abs(step[i, 0]).mid()) for i in range(m + 1)) / float(x[m].mid())
-        if not moved < 1.0 or (distance is not None and distance < 1e-3 and moved > distance):
+        if not moved < 1e3 or (distance is not None and distance < 1e-6 and moved > distance):
             return None
         if moved < 2.0 ** (-bits // 2):
             break
@@ -206,6 +217,11 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
     prices = [max(value, Fraction(0)) for value in numbers[mu:]]
     pairs = tuple((c.time, p, Fraction(0)) if c.side > 0 else (c.time, Fraction(0), p) for c, p in zip(contacts, prices, strict=True))
     return Polished(time, starts, tuple(numbers[lam:tail]), tuple(numbers[tail:mu]), pairs)
+
+
+def _ordered(instants: list[arb]) -> bool:
+    """Whether times to go and the duration after them ascend from 0."""
+    return all(before < after for before, after in itertools.pairwise([arb(0), *instants]))
 
 
 def _level(problem: Problem, deviation: float) -> Fraction:

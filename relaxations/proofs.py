@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations import certificates, programs
-from relaxations.bounds import Bound, Settings, Status, bracket, instants
+from relaxations.bounds import Bound, Settings, Status, bracket, contacts, instants
 from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
@@ -25,7 +25,7 @@ from relaxations.duality import lower_bound
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.polishing import Polished, polish
-from relaxations.refinement import Extremal
+from relaxations.refinement import Extremal, outline
 from relaxations.repair import Repaired, pivots, repair
 
 Reals = NDArray[np.float64]
@@ -156,13 +156,15 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
     if found.upper == 0.0 and found.command is not None:
         return _instant(problem, task, found)
     proof = Proof()
-    if isinstance(found.dual, Extremal):
-        polished = polish(problem, found.dual)
-        if polished is not None:
-            proof = _regular(problem, task, found.dual, polished)
-        if proof.upper is None:
-            upper = _refined(problem, task, found.dual, found)
-            proof = Proof(proof.lower, upper, found.command if upper else None, found.switches if upper else None)
+    extremal = found.dual
+    if isinstance(extremal, programs.GridSolution) and found.upper is not None and (touching := contacts(problem, extremal)) is not None:
+        # Where Newton's method in doubles failed, one in more digits may find its way from the grid.
+        extremal = outline(problem, extremal.costate, extremal.maneuver_time, touching)
+    if isinstance(extremal, Extremal) and (polished := polish(problem, extremal)) is not None:
+        proof = _regular(problem, task, extremal, polished)
+    if isinstance(found.dual, Extremal) and proof.upper is None:
+        upper = _refined(problem, task, found.dual, found)
+        proof = Proof(proof.lower, upper, found.command if upper else None, found.switches if upper else None)
     above: programs.GridSolution | None = None
     if proof.upper is None and found.upper is not None:
         repaired, above = _repaired(problem, task, found.upper, settings)

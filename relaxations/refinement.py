@@ -121,11 +121,17 @@ def refine(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSta
     return found
 
 
-def _newton(problem: Problem, costate: Reals, maneuver_time: float, tail: TailStart) -> Extremal | Failure:
-    """Newton's method with the switches that the costate's signs ask for."""
+def outline(problem: Problem, costate: Reals, maneuver_time: float, tail: TailStart = NO_TAIL) -> Extremal:
+    """The bang-bang command that a costate's signs ask for, nothing solved yet: where Newton's method starts."""
     switches = costate_roots(problem, costate, maneuver_time)
     final = float(costate @ problem.rows([switches[0] / 2 if len(switches) else maneuver_time / 2])[:, 0])
-    last = problem.upper if final > 0 else problem.lower
+    return Extremal(maneuver_time, switches, problem.upper if final > 0 else problem.lower, costate, np.inf, 0, tail)
+
+
+def _newton(problem: Problem, costate: Reals, maneuver_time: float, tail: TailStart) -> Extremal | Failure:
+    """Newton's method with the switches that the costate's signs ask for."""
+    start = outline(problem, costate, maneuver_time, tail)
+    switches, last = start.switches_to_go, start.last_level
     if len(switches) > MOST_SWITCHES:
         return Failure(f"{len(switches)} switches are more than Newton's method is tried for ({MOST_SWITCHES})")
     state = _State(problem, _levels(problem, last, len(switches)), tail.contacts)

@@ -19,7 +19,7 @@ from flint import acb, acb_mat, acb_poly, arb, arb_mat, fmpq, fmpq_poly, fmpz
 from relaxations.checking.reading import require
 
 ORDER = 8  # of Taylor's formula
-ISOLATION_BITS = 2048  # roots that these do not tell apart make a check inconclusive: it would cost too much
+ISOLATION = 200_000  # bits times degree: roots that these do not tell apart make a check inconclusive, for it would cost too much
 LARGEST_POLYNOMIAL = 2_000_000  # bits of a coefficient times degree
 work = {"left": 0.0}  # in units of about a microsecond, counted, so that a check ends on every machine at the same place
 
@@ -97,10 +97,10 @@ def placed(roots: Sequence[Root], chains: Sequence[Any]) -> tuple[list[fmpq], li
 
 @lru_cache(maxsize=32)
 def _isolated(coefficients: tuple[fmpz, ...], bits: int) -> tuple[acb, ...]:
-    """The roots with Im ≥ 0 of a square-free polynomial (lowest power first) to a relative 2^-bits; the real ones have no imaginary part."""
+    """The roots with Im ≥ 0 of a square-free polynomial (lowest power first) to a relative 2^-bits; real ones without imaginary part."""
     try:
         accuracy = arb(2) ** -bits / acb_poly(list(coefficients[::-1])).root_bound()
-        balls = acb_poly(list(coefficients)).roots(tol=accuracy, maxprec=ISOLATION_BITS)
+        balls = acb_poly(list(coefficients)).roots(tol=accuracy, maxprec=min(ISOLATION // len(coefficients), 4096))
     except ValueError:
         raise Inconclusive("roots of the plant are too close to be told apart") from None
     # A root whose ball meets the real axis is real if the mirrored ball, which holds the mirrored root, meets no other one.

@@ -46,22 +46,20 @@ def real(data: Any, where: str = "a number") -> fmpq:
 
 
 def unknown(data: Any, where: str) -> tuple[str, int, int]:
-    """The name of an unknown."""
-    require(
-        isinstance(data, list) and [type(x) for x in data] == [str, int, int] and min(data[1:]) >= 0,
-        f"{where} names an unknown: {data!r:.80}",
-    )
+    """The name of an unknown; JSON's true is no number."""
+    names = isinstance(data, list) and [type(x) for x in data] == [str, int, int] and min(data[1:]) >= 0
+    require(names, f"{where} holds names of unknowns, not {data!r:.80}")
     return data[0], data[1], data[2]
 
 
 def counts(data: Any, where: str) -> dict[str, int]:
-    """Further zeros by the name of a mode; JSON's true is no number."""
+    """Further zeros by the name of a mode."""
     require(isinstance(data, dict) and len(data) <= MOST_POLES, f"{where} is an object")
     require(all(type(n) is int and 0 <= n <= MOST_ZEROS for n in data.values()), f"{where} counts from 0 to {MOST_ZEROS}")
     return data
 
 
-# A dictionary is an object of exactly these members, a list (item, least, most) an array, a pair with None may be null, a set is a choice.
+# A dictionary is an object of exactly these members, a list (item, least, most) an array, a set a choice, a pair with None may be null.
 PAIR: list[Any] = [real, 2, 2]
 POLYNOMIAL: list[Any] = [real, 1, MOST_POLES + 1]  # the highest power of s first
 PLANT = {"numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "zeros": counts}
@@ -71,8 +69,8 @@ CHAINS: list[Any] = [{"near": PAIR, "coefficients": [PAIR, 0, MOST_POLES]}, 0, M
 TASK = {"plants": [PLANT, 1, 1], "displacement": real, "rest": {"state", "output"}, "limits": LIMITS, "initial_input": real}
 # a costate for each plant, and the multipliers μ⁺ and μ⁻ of the tail's limits so many seconds after the move
 LOWER = {"costate": [CHAINS, 1, 1], "tail": [{"time": real, "upper": real, "lower": real}, 0, MOST_CONTACTS]}
-# A command near an exact solution: absolute levels from their starts on, then a tail. `free` names its unknowns, each within `radius` of what
-# is written: ["time", 0, 0], ["start" or "level", i, 0] of segment i, ["re" or "im", i, k] of coefficient k of the tail's chain i.
+# A command near an exact solution: absolute levels from their starts on, then a tail. `free` names its unknowns, each within `radius` of
+# what is written: ["time", 0, 0], ["start" or "level", i, 0] of segment i, ["re" or "im", i, k] of coefficient k of the tail's chain i.
 SEGMENTS = [{"start": real, "level": real}, 0, MOST_SEGMENTS]
 UPPER = {"maneuver_time": real, "segments": SEGMENTS, "tail": CHAINS, "free": [unknown, 0, 2 * MOST_POLES], "radius": real}
 # sides of the least maneuver time [s] (null: not claimed), or the criterion by which the task is impossible

@@ -102,7 +102,7 @@ def settled(tail: Wave, r: arb, above: fmpq, below: fmpq) -> bool:
     envelope = sum(parts, arb(0))
     if envelope <= min(above, below):
         return True
-    # Another part over the slowest is r^k e^{-dr}, which falls from r = k/d on: what the slowest outweighs at r, it outweighs for ever.
+    # Another part over the slowest is r^k e^{-dr}, which falls from r = k/d on: what the slowest outweighs then, it outweighs for ever.
     slowest = max((i for i, part in enumerate(parts) if not part.is_zero()), key=lambda i: float(rates[i].mid()))
     others = [i for i, part in enumerate(parts) if i != slowest and not part.is_zero()]
     steady = powers[slowest] == 0 and not tail.roots[slowest].flexible
@@ -113,7 +113,7 @@ def settled(tail: Wave, r: arb, above: fmpq, below: fmpq) -> bool:
 
 
 def inside(tail: Wave, start: arb, end: arb, room: tuple[fmpq, fmpq], first: fmpq | None) -> None:
-    """-below ≤ tail ≤ above on [start, end], by subdivision; a tail that begins at 0 with the exact value `first` may touch a limit there."""
+    """-below ≤ tail ≤ above on [start, end], by subdivision; a tail that begins with the exact value `first` may touch a limit at 0."""
     (above, below), waiting = room, [(start, end)]
     while waiting:
         a, b = waiting.pop()

@@ -1,0 +1,114 @@
+"""Certificates by hand: what a liar could write, always with the right digest."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+from collections.abc import Callable
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import rfc8785
+from problems import KNOWN, Known, transfer
+
+from relaxations.maneuvers import Limits, Maneuver, problem
+from relaxations.plants import exact
+from relaxations.proofs import minimum_time
+
+BY_NAME = {known.name: known for known in KNOWN}
+
+
+@cache
+def proven(name: str) -> bytes:
+    """The certificate of a problem of the collection, both sides proven."""
+    return _certified(BY_NAME[name].problem)
+
+
+@cache
+def proven_tail(name: str) -> bytes:
+    """The certificate of an output rest."""
+    numerator, denominator, displacement, limits, length = TAILS[name]
+    maneuver = Maneuver(exact(displacement), Limits.of(*limits), tail=True, tail_length=length)
+    return _certified(lambda: problem([transfer(numerator, denominator)()], maneuver))
+
+
+TAILS: dict[str, tuple[list[Any], list[Any], Any, tuple[Any, Any], tuple[Fraction, Fraction] | None]] = {
+    "real_zero": ([1, 1], [1, 0, 0], 1, (-1, 1), None),
+    "pitch": (["1.151", "0.1774"], [1, "0.739", "2.072", "0.1774"], "0.2", ("-0.3", "0.3"), None),
+    "complex_zeros": ([1, 2, 3], [1, 0, 0, 0], 1, (-1, 1), None),
+    "double_zero": ([1, 2, 1], [1, 0, 2, 0, 0], 1, (-1, 1), None),
+    "rest_on_a_limit": ([1, 1], [1, 5, 6], 1, (-1, 6), None),
+    "at_once": ([1, 2, 3], [1, 0, 1], 1, (-1, 4), None),
+    "at_once_on_a_limit": ([1, 2, 3], [1, 0, 1], 1, (-1, 1), None),
+    "short_tail": ([1, 1], [1, 0, 0], 1, (-1, 1), (Fraction(1), Fraction(1, 20))),
+    "no_stable_zero": ([-1, 1], [1, 2, 0], 1, (-1, 1), None),
+}
+
+
+def _certified(pose: Callable[[], Any]) -> bytes:
+    bound = minimum_time(pose())
+    assert bound.certificate is not None
+    assert bound.status.name == "PROVED", bound.reason
+    return bound.certificate
+
+
+def opened(content: bytes) -> dict[str, Any]:
+    """A certificate's object, to be changed at will."""
+    return json.loads(content)
+
+
+def forged(data: dict[str, Any]) -> bytes:
+    """Canonical bytes with the digest that belongs to them."""
+    plain = {name: value for name, value in data.items() if name != "digest"}
+    return rfc8785.dumps({**plain, "digest": hashlib.sha256(rfc8785.dumps(plain)).hexdigest()})
+
+
+def changed(content: bytes, change: Callable[[dict[str, Any]], Any]) -> bytes:
+    """A certificate with one change, signed again."""
+    data = copy.deepcopy(opened(content))
+    change(data)
+    return forged(data)
+
+
+def number(text: str) -> Fraction:
+    """The exact value of a certificate's number."""
+    return Fraction(float.fromhex(text)) if "x" in text else Fraction(text)
+
+
+def written(value: Fraction) -> str:
+    """A fraction in lowest terms, or a whole number."""
+    return str(value.numerator) if value.denominator == 1 else f"{value.numerator}/{value.denominator}"
+
+
+def task(numerator: list[str], denominator: list[str], displacement: str = "1", **others: Any) -> dict[str, Any]:
+    """A task as a certificate writes it; state rest and |u| ≤ 1 unless said otherwise."""
+    limits = {"input": list(others.pop("limits", ("-1", "1"))), "tail_length": others.pop("tail_length", None)}
+    plant = {"numerator": numerator, "denominator": denominator, "zeros": others.pop("zeros", {})}
+    return {"plants": [plant], "displacement": displacement, "rest": "state", "limits": limits, "initial_input": "0", **others}
+
+
+def certificate(
+    of: dict[str, Any], lower: Any = None, upper: Any = None, impossible: str | None = None, witnesses: Any = (None, None)
+) -> bytes:
+    """A certificate of a task with any claim and witnesses."""
+    claim = {"lower": lower, "upper": upper, "impossible": impossible}
+    return forged({"format": "slewcert-certificate/1", "task": of, "claim": claim, "lower": witnesses[0], "upper": witnesses[1]})
+
+
+def costate(*chains: tuple[tuple[str, str], list[tuple[str, str]]], tail: Any = ()) -> dict[str, Any]:
+    """A lower side's witness."""
+    written_chains = [{"near": list(near), "coefficients": [list(c) for c in coefficients]} for near, coefficients in chains]
+    return {"costate": [written_chains], "tail": list(tail)}
+
+
+def command(time: str, segments: list[tuple[str, str]], free: list[list[Any]], radius: str = "1/1000000", tail: Any = ()) -> dict[str, Any]:
+    """An upper side's witness."""
+    arcs = [{"start": start, "level": level} for start, level in segments]
+    return {"maneuver_time": time, "segments": arcs, "tail": list(tail), "free": free, "radius": radius}
+
+
+def known(name: str) -> Known:
+    """A problem of the collection."""
+    return BY_NAME[name]
