@@ -99,6 +99,7 @@ class GridMinimum:
     count: int
 
 
+CUTS = 6  # rounds of cutting planes for the tail's limits
 STALLS = 3  # times that the solver may give no answer, in one search
 FARTHEST = 1e6  # times the plant's own time scale: a target that is out of reach until then is called so
 LARGEST_EXPONENT = 600.0  # of e^{pT} for an unstable pole p: a double ends at e^709
@@ -123,7 +124,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
     if (instant := _tail_only(problem)) is not None:
         command = Command(0.0, (), Tail(problem.absolute(problem.hold), problem.tail.terms(instant)))
         return Bound(Status.BRACKETED, 0.0, 0.0, np.zeros(problem.size), command, 0, NOT_PROVEN, 0, time.perf_counter() - begun, instant)
-    grid = grid_minimum(problem, chosen, near)
+    grid = _cut_minimum(problem, chosen, near)
 
     def bound(dual: programs.GridSolution | Extremal, command: Command | None, switches: int | None, reason: str) -> Bound:
         upper = None if command is None else command.maneuver_time
@@ -192,7 +193,20 @@ def instants(problem: Problem, horizon: float, settings: Settings) -> Reals:
     return grid(problem, horizon, least, settings.cells_per_period, settings.most_cells)
 
 
-def grid_minimum(problem: Problem, settings: Settings, near: float | None = None) -> GridMinimum:
+def _cut_minimum(problem: Problem, settings: Settings, near: float | None) -> GridMinimum:
+    """`grid_minimum` with cutting planes: the tail's limits are imposed at the extremes too at which the last tail exceeded them."""
+    looks, count = problem.tail.looks(), 0
+    for _ in range(CUTS):
+        grid = grid_minimum(problem, settings, near, looks)
+        count += grid.count
+        over = np.zeros(0) if grid.above is None else problem.tail.exceeded(grid.above.tail_coefficients)
+        if grid.above is None or not len(over):
+            break
+        looks, near = np.union1d(looks, over), grid.above.maneuver_time
+    return replace(grid, count=count)
+
+
+def grid_minimum(problem: Problem, settings: Settings, near: float | None = None, looks: Reals | None = None) -> GridMinimum:
     """The root of α(T) = 1 by Newton's method on log α against log T, safeguarded by the bracket found so far.
 
     With the costate scaled to `λᵀ target = 1`, `dα/dT = σ(p(T))`. On logarithms a rigid body (α ~ T^m) is solved in one step, and no unit
@@ -209,7 +223,7 @@ def grid_minimum(problem: Problem, settings: Settings, near: float | None = None
     while count < settings.programs:
         count += 1
         try:
-            solution = programs.solve(programs.build(problem, instants(problem, horizon, settings)))
+            solution = programs.solve(programs.build(problem, instants(problem, horizon, settings), looks))
         except ShortHorizonError:
             short = max(short, horizon)
             horizon = math.sqrt(horizon * above.maneuver_time) if above else 1.5 * horizon

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations import certificates, programs
-from relaxations.bounds import Bound, Settings, Status, bracket, contacts, instants
+from relaxations.bounds import CUTS, Bound, Settings, Status, bracket, contacts, instants
 from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
@@ -39,10 +39,7 @@ RADII = (1e-18, 1e-14, 1e-10, 1e-8)
 BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
 
-CUTS = 6
-"""Rounds of cutting planes for the tail's limits."""
-
-FINER = (1, 4, 16)
+FINER = (1, 4, 16, 64)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
 
 REGULAR, GOOD = 1e-12, 1e-7
@@ -241,7 +238,8 @@ def _limits(problem: Problem, extremal: Extremal) -> list[Fraction]:
 
 
 def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: Fraction) -> Command:
-    segments = tuple(Segment(float(s), float(v)) for s, v in zip(polished.starts, _limits(problem, extremal), strict=True))
+    arcs = {float(s): float(v) for s, v in zip(polished.starts, _limits(problem, extremal), strict=True)}
+    segments = tuple(Segment(start, level) for start, level in arcs.items())  # of arcs that a double cannot tell apart the last
     terms = problem.tail.terms(np.array([float(c) for c in polished.tail]))
     return Command(float(upper), segments, Tail(problem.absolute(problem.hold), terms))
 
@@ -276,12 +274,10 @@ def _cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
     looks = problem.tail.looks()
     solution = programs.solve(programs.build(problem, grid, looks, inside))
     for _ in range(CUTS):
-        peaks = problem.tail.peaks(solution.tail)
-        course, (above, below) = problem.tail.rows(peaks) @ solution.tail_coefficients, problem.tail.room(peaks)
-        over = (course > above) | (course < -below)
-        if not over.any():
+        over = problem.tail.exceeded(solution.tail_coefficients)
+        if not len(over):
             break
-        looks = np.unique(np.concatenate([looks, peaks[over]]))
+        looks = np.union1d(looks, over)
         solution = programs.solve(programs.build(problem, grid, looks, inside))
     return solution
 

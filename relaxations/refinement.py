@@ -67,8 +67,8 @@ class Extremal:
     def command(self, problem: Problem) -> Command:
         """The command in absolute input, its switches in order of time."""
         starts = [0.0, *(self.maneuver_time - self.switches_to_go[::-1])]
-        arcs = self.levels(problem)[::-1]
-        segments = tuple(Segment(float(s), problem.absolute(float(level))) for s, level in zip(starts, arcs, strict=True))
+        arcs = {float(start): problem.absolute(float(level)) for start, level in zip(starts, self.levels(problem)[::-1], strict=True)}
+        segments = tuple(Segment(start, level) for start, level in arcs.items())  # of arcs that a double cannot tell apart the last
         return Command(self.maneuver_time, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(self.tail.coefficients)))
 
     @property

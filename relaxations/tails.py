@@ -97,6 +97,12 @@ class TailSpace:
             vertex = (left + middle) / 2 - rise / (2 * bend)
         return np.where(np.isfinite(vertex) & (vertex > left) & (vertex < right), vertex, middle)
 
+    def exceeded(self, coefficients: Reals) -> Reals:
+        """Local extremes [s] at which a tail is beyond its limits."""
+        peaks = self.peaks(coefficients)
+        course, (above, below) = self.rows(peaks) @ coefficients, self.room(peaks)
+        return peaks[(course > above) | (course < -below)]
+
     def terms(self, coefficients: Reals) -> tuple[TailTerm, ...]:
         """The command's tail terms (whose powers have no factorial)."""
         terms, at = [], 0

@@ -116,6 +116,7 @@ def test_a_plant_without_dynamics_needs_no_time() -> None:
     nothing = command("0", [], [])
     assert outcome(certificate(task(["2"], ["1"]), lower="0", upper="0", witnesses=(None, nothing))) is Outcome.PROVED
     assert outcome(certificate(task(["0.5"], ["1"]), upper="0", witnesses=(None, nothing))) is Outcome.MALFORMED  # needs u = 2
+    assert outcome(certificate(task(["2"], ["1"]), lower="1", witnesses=(costate(), None))) is Outcome.REFUTED
 
 
 def test_a_tail_alone_may_touch_its_limit_at_the_first_instant() -> None:
@@ -180,9 +181,9 @@ MALFORMED: dict[str, Callable[[dict[str, Any]], Any]] = {
     "proper": lambda data: data["task"]["plants"][0].update(numerator=["1"] * 9),
     "zero at the origin": lambda data: data["task"]["plants"][0].update(numerator=["1", "0"]),
     "numerator is an array of 1 to 201": lambda data: data["task"]["plants"][0].update(numerator=[]),
-    "the plant has no 'mode[2]'": lambda data: data["task"]["plants"][0].update(zeros={"mode[2]": 1}),
-    "the plant has no 'mode[01]'": lambda data: data["task"]["plants"][0].update(zeros={"mode[01]": 1}),
-    "the plant has no 'gear'": lambda data: data["task"]["plants"][0].update(zeros={"gear": 1}),
+    "the plant has no mode[2]": lambda data: data["task"]["plants"][0].update(zeros={"mode[2]": 1}),
+    "zeros names mode[i] and real[i]": lambda data: data["task"]["plants"][0].update(zeros={"mode[01]": 1}),
+    "names mode[i]": lambda data: data["task"]["plants"][0].update(zeros={"mode[1]\nPROVED": 1}),
     "zeros counts from 0": lambda data: data["task"]["plants"][0].update(zeros={"mode[1]": True}),
     "counts from 0 to 20": lambda data: data["task"]["plants"][0].update(zeros={"mode[1]": 21}),
     "claim has sides": lambda data: data.update(claim={"lower": None, "upper": None, "impossible": None}),
@@ -221,6 +222,7 @@ MALFORMED: dict[str, Callable[[dict[str, Any]], Any]] = {
 def test_malformed_certificates_say_what_is_wrong(sentence: str) -> None:
     found = check(changed(proven("two_mass_1"), MALFORMED[sentence]))
     assert found.outcome is Outcome.MALFORMED
+    assert found.certificate is None
     assert sentence in found.reason
 
 

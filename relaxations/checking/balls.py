@@ -142,7 +142,7 @@ def further(roots: Sequence[Root], counts: dict[str, int]) -> tuple[Root, ...]:
             if len({*given[smaller : len(sizes) - larger]}) > 1:
                 raise Undecided("two modes have the same frequency: their order is not defined")
             result[i] = Root(roots[i].value, roots[i].multiplicity + given[smaller])
-    require(not left, f"the plant has no {min(left, default='')[:40]!r}")
+    require(not left, f"the plant has no {', '.join(left)}")
     return tuple(result)
 
 
@@ -189,7 +189,7 @@ def system(task: Any) -> System:
     lower, upper = (limit - task.initial_input for limit in task.limits.input)
     require(lower <= min(0, rest) and max(0, rest) <= upper, "the limits exclude the input at a rest")
     roots = further(found, plant.zeros)
-    spend(sum(zero.size for zero in zeros) * sum(root.size for root in roots))
+    spend(10 * sum(zero.size for zero in zeros) * sum(root.size for root in roots))
 
     def target(root: Root) -> list[acb]:
         if root.value.is_zero():
@@ -237,7 +237,8 @@ class Wave:
     def over(self, a: arb, b: arb) -> tuple[arb, arb, arb, arb]:
         """The middle c of [a, b], the value there, and balls around slope and value on all of [a, b], by Taylor's formula."""
         spend(30)
-        c, whole = ((a + b) / 2).mid(), a.union(b)
+        c = ((a + b) / 2).mid()
+        whole = a.union(b).union(c)
         x, terms = whole - c, [*self(c)[:-1], self(whole)[-1]]
         slope = value = terms[-1]
         for j in range(ORDER - 1, -1, -1):

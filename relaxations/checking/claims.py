@@ -74,7 +74,7 @@ def check(content: bytes, bits: tuple[int, ...] = BITS) -> Check:
             except (Undecided, ZeroDivisionError, OverflowError) as problem:
                 reason = str(problem)
     except Malformed as problem:
-        outcome, reason = Outcome.MALFORMED, str(problem)
+        outcome, reason, certificate = Outcome.MALFORMED, str(problem), None
     except Refuted as problem:
         outcome, reason = Outcome.REFUTED, str(problem)
     except (Inconclusive, MemoryError) as problem:

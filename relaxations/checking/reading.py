@@ -16,6 +16,7 @@ MOST_POLES, MOST_SEGMENTS, MOST_CONTACTS, MOST_ZEROS = 200, 100_000, 10_000, 20
 _DECIMAL = re.compile(r"(?!-0$)-?(0|[1-9][0-9]*)(\.[0-9]*[1-9])?")
 _RATIO = re.compile(r"(-?[1-9][0-9]*)/([1-9][0-9]*)")
 _HEXADECIMAL = re.compile(r"(-?0x1)(?:\.([0-9a-f]{0,12}[1-9a-f]))?p(\+0|[+-][1-9][0-9]{0,3})")
+_MODE = re.compile(r"(mode|real)\[[1-9][0-9]{0,2}\]")
 
 
 class Malformed(Exception):
@@ -54,7 +55,7 @@ def unknown(data: Any, where: str) -> tuple[str, int, int]:
 
 def counts(data: Any, where: str) -> dict[str, int]:
     """Further zeros by the name of a mode."""
-    require(isinstance(data, dict) and len(data) <= MOST_POLES, f"{where} is an object")
+    require(isinstance(data, dict) and len(data) <= MOST_POLES and all(map(_MODE.fullmatch, data)), f"{where} names mode[i] and real[i]")
     require(all(type(n) is int and 0 <= n <= MOST_ZEROS for n in data.values()), f"{where} counts from 0 to {MOST_ZEROS}")
     return data
 

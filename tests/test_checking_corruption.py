@@ -1,0 +1,318 @@
+"""Thousands of certificates that somebody tampered with, the digest forged right: whatever is printed as proved is true.
+
+Truth comes from the floating-point bracket of the very task that stands in the file, which neither asks nor believes the checker.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+from collections import Counter
+from collections.abc import Callable
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import independent
+import pytest
+from forgery import certificate, forged, number, opened, proven, proven_tail, task, written
+
+from relaxations.bounds import bracket
+from relaxations.checking.claims import Outcome, check
+from relaxations.errors import SolverError
+from relaxations.maneuvers import Limits, Maneuver, Problem, problem
+from relaxations.plants import LinearPlant
+
+SLACK = 1e-7
+"""Relative: what a floating-point bracket may be off by. Smaller lies are told in test_checking.py, about facts known to 1e-12."""
+SECONDS = 10.0
+
+STATE = ("two_mass_1", "two_mass_robust", "chain_4", "real_mode", "rigid_body_asymmetric", "oscillator", "unstable")
+OUTPUT = ("real_zero", "pitch", "complex_zeros", "double_zero", "rest_on_a_limit", "short_tail", "at_once", "at_once_on_a_limit")
+
+
+@cache
+def originals() -> tuple[bytes, ...]:
+    impossible = (task(["1"], ["1", "0", "0"], limits=("0", "1")), "face"), (task(["1"], ["1", "1"]), "remainder")
+    return (*map(proven, STATE), *map(proven_tail, OUTPUT), *(certificate(of, impossible=criterion) for of, criterion in impossible))
+
+
+# Ways to tamper; each changes the object in place, or the text.
+
+
+def leaves(data: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """The paths of all leaves."""
+    if isinstance(data, dict):
+        return [leaf for name, value in data.items() for leaf in leaves(value, (*path, name))]
+    if isinstance(data, list):
+        return [leaf for i, value in enumerate(data) for leaf in leaves(value, (*path, i))]
+    return [path]
+
+
+def at(data: Any, path: tuple[Any, ...]) -> Any:
+    for step in path:
+        data = data[step]
+    return data
+
+
+def put(data: Any, path: tuple[Any, ...], value: Any) -> None:
+    at(data, path[:-1])[path[-1]] = value
+
+
+def numbers(data: Any) -> list[tuple[Any, ...]]:
+    """The paths of all real numbers."""
+    return [
+        path for path in leaves(data) if isinstance(at(data, path), str) and path[0] != "format" and at(data, path)[:1] in "-0123456789"
+    ]
+
+
+def nudge(value: str, rng: random.Random) -> str:
+    """A number a little or a lot off."""
+    factor = 1 + rng.choice((-1, 1)) * Fraction(1, 10 ** rng.randint(0, 18))
+    changed = number(value) * factor if number(value) else Fraction(rng.choice((-1, 1)), 10 ** rng.randint(0, 18))
+    return written(changed)
+
+
+def change_a_number(data: Any, rng: random.Random) -> None:
+    path = rng.choice(numbers(data))
+    put(data, path, nudge(at(data, path), rng))
+
+
+def change_a_digit(data: Any, rng: random.Random) -> None:
+    path = rng.choice(numbers(data))
+    value = at(data, path)
+    place = rng.choice([i for i, c in enumerate(value) if c.isdigit()])
+    put(data, path, value[:place] + str(rng.randint(0, 9)) + value[place + 1 :])
+
+
+def flip_a_sign(data: Any, rng: random.Random) -> None:
+    path = rng.choice(numbers(data))
+    value = at(data, path)
+    put(data, path, value[1:] if value.startswith("-") else f"-{value}")
+
+
+def swap_two_leaves(data: Any, rng: random.Random) -> None:
+    one, other = rng.choice(numbers(data)), rng.choice(numbers(data))
+    first, second = at(data, one), at(data, other)
+    put(data, one, second)
+    put(data, other, first)
+
+
+def move_a_member(data: Any, rng: random.Random) -> None:
+    """Delete, repeat or exchange an item or a member."""
+    inner = [path[:i] for path in leaves(data) for i in range(1, len(path)) if isinstance(at(data, path[:i]), list | dict)]
+    node = at(data, rng.choice(inner))
+    if isinstance(node, dict) and node:
+        names = list(node)
+        one, other = rng.choice(names), rng.choice(names)
+        rng.choice((lambda: node.pop(one), lambda: node.update({one: node[other]}), lambda: node.update({one: None})))()
+    elif isinstance(node, list) and node:
+        i, j = rng.randrange(len(node)), rng.randrange(len(node))
+        rng.choice((lambda: node.pop(i), lambda: node.append(node[i]), lambda: node.insert(j, node.pop(i))))()
+
+
+def lie_about_a_side(data: Any, rng: random.Random) -> None:
+    """A larger lower side, a smaller upper one."""
+    side = rng.choice(("lower", "upper"))
+    if data["claim"][side] is not None:
+        grown = 1 + Fraction(1, 10 ** rng.randint(0, 14)) * (1 if side == "lower" else -1)
+        data["claim"] |= {"lower": None, "upper": None, side: written(number(data["claim"][side]) * grown)}
+
+
+def soften_a_claim(data: Any, rng: random.Random) -> None:
+    """A smaller lower side, a larger upper one: weaker, and true."""
+    shrink = Fraction(1, 10 ** rng.randint(0, 9))
+    if data["claim"]["lower"] is not None:
+        data["claim"]["lower"] = written(number(data["claim"]["lower"]) * (1 - shrink))
+    if data["claim"]["upper"] is not None:
+        data["claim"]["upper"] = written(number(data["claim"]["upper"]) * (1 + shrink))
+
+
+def one_side_of_another_task(data: Any, rng: random.Random) -> None:
+    """Other limits, displacement, rest input, further zeros or tail length; one side stays, which may even stay true."""
+    data["claim"][rng.choice(("lower", "upper"))] = None
+    posed, limits = data["task"], data["task"]["limits"]
+    match rng.randrange(7):
+        case 0:
+            i = rng.randrange(2)
+            limits["input"][i] = nudge(limits["input"][i], rng)
+        case 1:
+            posed["displacement"] = nudge(posed["displacement"], rng)
+        case 2:
+            posed["initial_input"] = nudge(posed["initial_input"], rng)
+        case 3:
+            posed["plants"][0]["zeros"] = rng.choice(({}, {"mode[1]": 1}, {"real[1]": 1}, {"mode[1]": 2}))
+        case 4:
+            limits["tail_length"] = rng.choice((None, {"time": "1", "within": "0.5"}, {"time": "0", "within": "1/1000"}))
+        case 5:
+            posed["rest"] = rng.choice(("state", "output"))
+        case _:
+            polynomial = posed["plants"][0][rng.choice(("numerator", "denominator"))]
+            i = rng.randrange(len(polynomial))
+            polynomial[i] = nudge(polynomial[i], rng)
+
+
+def call_it_impossible(data: Any, rng: random.Random) -> None:
+    data["claim"] = {"lower": None, "upper": None, "impossible": rng.choice(("face", "remainder"))}
+    if rng.random() < 0.5:
+        data["task"]["limits"]["input"][rng.randrange(2)] = rng.choice(("0", "1", "-1", data["task"]["displacement"]))
+
+
+def rename_unknowns(data: Any, rng: random.Random) -> None:
+    if data["upper"]:
+        count = len(data["upper"]["segments"]) + 1
+        for _ in range(rng.randint(1, 2)):
+            if data["upper"]["free"]:
+                name = [rng.choice(("time", "start", "level", "re", "im")), rng.randrange(count), rng.randrange(2)]
+                data["upper"]["free"][rng.randrange(len(data["upper"]["free"]))] = name
+
+
+def another_radius(data: Any, rng: random.Random) -> None:
+    if data["upper"]:
+        data["upper"]["radius"] = written(Fraction(10) ** rng.randint(-40, 3))
+
+
+WAYS: tuple[Callable[[Any, random.Random], None], ...] = (
+    change_a_number,
+    change_a_digit,
+    flip_a_sign,
+    swap_two_leaves,
+    move_a_member,
+    lie_about_a_side,
+    soften_a_claim,
+    one_side_of_another_task,
+    one_side_of_another_task,
+    call_it_impossible,
+    rename_unknowns,
+    another_radius,
+)
+
+
+def tampered(seed: int) -> tuple[str, bytes]:
+    """A certificate, tampered with in one way or two and signed again; or some of its bytes changed, signed again if it still is JSON."""
+    rng = random.Random(f"tampered {seed}")
+    content = rng.choice(originals())
+    if rng.random() < 0.1:
+        raw = bytearray(content)
+        for _ in range(rng.randint(1, 3)):
+            raw[rng.randrange(len(raw))] = rng.randrange(256) if rng.random() < 0.3 else rng.choice(b'0123456789.-/x"[]{},')
+        try:
+            return "bytes", forged(json.loads(bytes(raw)))
+        except (ValueError, AttributeError, TypeError):
+            return "bytes", bytes(raw)
+    data, names = opened(content), []
+    for way in rng.choices(WAYS, k=rng.choice((1, 1, 2))):
+        try:
+            way(data, rng)
+        except (KeyError, IndexError, TypeError, ValueError, ZeroDivisionError):  # what the first change left does not suit the second
+            continue
+        names.append(way.__name__)
+    return " + ".join(names), forged(data)
+
+
+# Truth.
+
+
+def posed(data: dict[str, Any]) -> Problem:
+    """The problem that a certificate's task is."""
+    of = data["task"]
+    (plant,), (low, high), length = of["plants"], of["limits"]["input"], of["limits"]["tail_length"]
+    linear = LinearPlant.from_transfer(*([number(c) for c in plant[name]] for name in ("numerator", "denominator")))
+    maneuver = Maneuver(
+        number(of["displacement"]),
+        Limits.of(number(low), number(high)),
+        number(of["initial_input"]),
+        {name: count for name, count in plant["zeros"].items() if count},
+        tail=of["rest"] == "output",
+        tail_length=(number(length["time"]), number(length["within"])) if length else None,
+    )
+    return problem([linear], maneuver)
+
+
+@cache
+def truth(text: str) -> tuple[float, float]:
+    """The bracket of a task in floating point; infinite above if there is no upper side."""
+    found = bracket(posed({"task": json.loads(text)}))
+    return found.lower, float("inf") if found.upper is None else found.upper
+
+
+def judged_otherwise(data: dict[str, Any]) -> bool:
+    """Where the bracket gives up (rests on a limit or far away): by monotony, or by what HiGHS reaches in the time claimed."""
+    claim, of = data["claim"], posed(data)
+    if data["task"]["plants"][0]["zeros"] and claim["upper"] is None:
+        with_fewer = {**data["task"], "plants": [{**data["task"]["plants"][0], "zeros": {}}]}
+        return is_true({**data, "task": with_fewer})  # takes no longer
+    assert not of.maneuver.tail
+    plant, displacement = independent.StateSpace.of(of.plants[0]), float(of.maneuver.displacement)
+
+    def reach(time: float) -> float:
+        return independent.reachable_fraction(plant, displacement, of.lower, of.upper, time, 200)
+
+    if claim["impossible"]:
+        return reach(40.0) < 0.99
+    fine = claim["lower"] is None or reach(float(number(claim["lower"]))) < 0.99
+    return fine and (claim["upper"] is None or reach(float(number(claim["upper"])) * 1.001) > 0.999)
+
+
+def is_true(data: dict[str, Any]) -> bool:
+    """Whether a claim is: every side within the bracket of its task."""
+    lower, upper = (data["claim"][side] for side in ("lower", "upper"))
+    if lower == "0" and upper is None:
+        return True
+    try:
+        below, above = truth(json.dumps(data["task"], sort_keys=True))
+    except SolverError:
+        return judged_otherwise(data)
+    if data["claim"]["impossible"]:
+        return above == float("inf")
+    fine = lower is None or float(number(lower)) <= above * (1 + SLACK)
+    return fine and (upper is None or float(number(upper)) >= below * (1 - SLACK))
+
+
+def judge(seeds: range) -> Counter[str]:
+    """Check certificates; count outcomes, and the true claims about tasks that no original is about."""
+    counts: Counter[str] = Counter()
+    tasks = {json.dumps(opened(content)["task"], sort_keys=True) for content in originals()}
+    for seed in seeds:
+        how, content = tampered(seed)
+        found = check(content)
+        counts[found.outcome.value] += 1
+        assert found.seconds < SECONDS, f"seed {seed} ({how}) took {found.seconds} s"
+        if found.outcome is Outcome.PROVED:
+            data = json.loads(content)
+            assert is_true(data), f"seed {seed} ({how}): a printed claim is false: {data['claim']} of {data['task']}"
+            counts["elsewhere"] += json.dumps(data["task"], sort_keys=True) not in tasks
+    return counts
+
+
+def test_tampered_certificates_are_never_believed() -> None:
+    counts = judge(range(500))
+    assert all(counts[outcome.value] >= 20 for outcome in Outcome), counts  # the lies are of every kind
+    assert counts["elsewhere"] >= 5, counts
+
+
+@pytest.mark.slow
+def test_ten_thousand_tampered_certificates_are_never_believed() -> None:
+    counts = judge(range(1000, 11_000))
+    assert all(counts[outcome.value] >= 400 for outcome in Outcome), counts
+
+
+def test_the_originals_are_true_and_their_lies_are_not() -> None:
+    """The judge can tell: a side moved by 1e-5 of itself is called false."""
+    for content in originals():
+        data = opened(content)
+        assert is_true(data)
+        for side, factor in (("lower", Fraction(100_001, 100_000)), ("upper", Fraction(99_999, 100_000))):
+            if data["claim"][side] not in (None, "0"):
+                lie = {
+                    **data,
+                    "claim": {"lower": None, "upper": None, "impossible": None, side: written(number(data["claim"][side]) * factor)},
+                }
+                assert not is_true(lie)
+
+
+def test_impossible_tasks_are_unreachable_for_a_linear_program() -> None:
+    """The two criteria, seen by HiGHS: no staircase of 200 steps gets there, the second one comes as close as e^-T."""
+    for denominator, limits, horizon in (([1, 0, 0], (0.0, 1.0), 30.0), ([1, 1], (-1.0, 1.0), 6.0)):
+        plant = independent.StateSpace.of(LinearPlant.from_transfer([1], denominator))
+        assert independent.reachable_fraction(plant, 1.0, *limits, horizon, 200) < 1.0
