@@ -195,14 +195,15 @@ def instants(problem: Problem, horizon: float, settings: Settings) -> Reals:
 
 def _cut_minimum(problem: Problem, settings: Settings, near: float | None) -> GridMinimum:
     """`grid_minimum` with cutting planes: the tail's limits are imposed at the extremes too at which the last tail exceeded them."""
-    looks, count = problem.tail.looks(), 0
+    looks = problem.tail.looks()
+    grid = grid_minimum(problem, settings, near, looks)
+    count = grid.count
     for _ in range(CUTS):
-        grid = grid_minimum(problem, settings, near, looks)
-        count += grid.count
-        over = np.zeros(0) if grid.above is None else problem.tail.exceeded(grid.above.tail_coefficients)
-        if grid.above is None or not len(over):
+        if grid.above is None or not len(over := problem.tail.exceeded(grid.above.tail_coefficients)):
             break
-        looks, near = np.union1d(looks, over), grid.above.maneuver_time
+        looks = np.union1d(looks, over)
+        grid = grid_minimum(problem, settings, grid.above.maneuver_time, looks)
+        count += grid.count
     return replace(grid, count=count)
 
 
