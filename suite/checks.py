@@ -78,8 +78,8 @@ def _difference(found: Check, study: Path, folder: Path | None) -> str:
     """What the certificate's task has that the study's has not, in words; empty if they are the same."""
     from relaxations.certificates import task
     from suite.design import pose
+    from suite.loading import load_study
     from suite.plants import nominal_plant
-    from suite.study import load_study
 
     asked = load_study(study)
     expected = task(pose(asked, nominal_plant(asked)))

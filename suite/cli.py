@@ -77,7 +77,7 @@ def verify(study: Path, out: Path | None, jobs: int, resume: bool, force: bool, 
     Exit code 0: all requirements pass; 1: one fails; 2: bad input; 3: undecided or in error.
     """
     from suite import console
-    from suite.study import load_study
+    from suite.loading import load_study
     from suite.verdicts import Verdict
     from suite.verification import verify as run
 

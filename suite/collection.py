@@ -10,7 +10,8 @@ from relaxations.bounds import Status
 from reports.files import write_atomically
 from suite.design import Design, bound_record, design
 from suite.errors import SuiteError
-from suite.study import Study, load_study
+from suite.loading import load_study
+from suite.study import Study
 
 
 class CollectionError(SuiteError):

@@ -1,4 +1,4 @@
-"""The study: what is asked of which plant, as meant. `load_study` reads one from its TOML file and reports every mistake at once.
+"""The study: what is asked of which plant, as meant. `suite.loading` reads one from its TOML file.
 
 Numbers that a proof rests on (plant, maneuver, limits, parameter ranges) stay exact decimals; the others are floats.
 """
@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from relaxations.commands import Command
-from suite.errors import StudyError
 from suite.quantity_names import Quantity
 
 if TYPE_CHECKING:
@@ -192,20 +191,3 @@ class Study:
     def sha256(self) -> str:
         """The file's hash (hexadecimal)."""
         return hashlib.sha256(self.source).hexdigest()
-
-
-def load_study(path: Path | str) -> Study:
-    """The study in a TOML file. Opens its FMU (a shipped one is built if need be) but runs none of its code.
-
-    Raises `StudyError` with every mistake that could be found: wrong syntax, unknown keys, values out of range, keys that contradict each
-    other or the FMU, and keys whose meaning this version cannot honour.
-    """
-    from suite.study_file import parse, read_source  # here, because what follows brings pydantic along
-    from suite.study_meaning import understand
-
-    file = Path(path)
-    source = read_source(file)
-    study, mistakes = understand(parse(file, source), file, source)
-    if study is None or mistakes:
-        raise StudyError(str(file), mistakes)
-    return study

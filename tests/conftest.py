@@ -18,7 +18,7 @@ def verified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The evidence folder of the shipped study that passes, made once for each process; copy it before you change anything."""
     from small_studies import SHIPPED  # here, because not every test needs what this imports
 
-    from suite.study import load_study
+    from suite.loading import load_study
     from suite.verification import verify
 
     folder = tmp_path_factory.mktemp("verified") / "evidence"

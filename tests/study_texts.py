@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from suite.errors import StudyError
-from suite.study import Study, load_study
+from suite.loading import load_study
+from suite.study import Study
 
 RIGID = """
 [plant]

@@ -24,10 +24,11 @@ from suite.campaign import RunResult, Sample, measure, run_id, samples, settle
 from suite.design import Design, design
 from suite.folders import LEDGER
 from suite.ledger import Ledger, LedgerError
+from suite.loading import load_study
 from suite.quantities import Observation
 from suite.quantity_names import parse_quantity
 from suite.review import ReviewStatus, review
-from suite.study import Study, load_study
+from suite.study import Study
 from suite.verdicts import Measured
 from suite.verification import Progress, verify
 

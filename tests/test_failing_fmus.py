@@ -17,8 +17,8 @@ from fmus.workers import Worker
 from reports import logs
 from suite import campaign
 from suite.cli import main
+from suite.loading import load_study
 from suite.review import ReviewStatus, review
-from suite.study import load_study
 from suite.verdicts import Verdict
 from suite.verification import verify
 

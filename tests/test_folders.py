@@ -13,8 +13,8 @@ from small_studies import SHIPPED, digests, run_table, small_study
 
 from suite.cli import main
 from suite.folders import FolderError
+from suite.loading import load_study
 from suite.review import ReviewStatus, review
-from suite.study import load_study
 from suite.verification import verify
 
 

@@ -11,8 +11,8 @@ from small_studies import digests, results, small_study
 from tampering import close, flip, run
 
 from reports.files import json_bytes
+from suite.loading import load_study
 from suite.review import ReviewStatus, agree, review
-from suite.study import load_study
 from suite.verdicts import Verdict
 from suite.verification import verify
 

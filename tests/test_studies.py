@@ -18,10 +18,11 @@ from fmus.build import PLANTS, build, build_folder
 from relaxations.commands import Command, Segment, Tail
 from suite import schema
 from suite.errors import StudyError
+from suite.loading import load_study
 from suite.plants import nominal_plant, plant_at
 from suite.quantities import DEFINITIONS
 from suite.quantity_names import QUANTITIES, ArgumentKind, parse_quantity
-from suite.study import ModalPlant, StateSpacePlant, load_study
+from suite.study import ModalPlant, StateSpacePlant
 
 ROOT = Path(__file__).parents[1]
 STUDIES = ROOT / "suite" / "studies"

@@ -14,8 +14,8 @@ from small_studies import KEEP_ALL, SHIPPED, digests, results, run_table, small_
 from reports import logs, manifest
 from suite.cli import main
 from suite.errors import StudyError
+from suite.loading import load_study
 from suite.review import ReviewStatus, review
-from suite.study import load_study
 from suite.verification import MOST_POINTS, verify
 
 
