@@ -10,14 +10,22 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
+import flint
 import rfc8785
 from problems import KNOWN, Known, transfer
 
+from relaxations.checking import balls
+from relaxations.checking.reading import read
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import exact
 from relaxations.proofs import minimum_time
 
-BY_NAME = {known.name: known for known in KNOWN}
+# Repeated poles and further zeros off the origin, where the rest input is held.
+HELD = (
+    Known("double_real", transfer([1], [1, 4, 4]), "0.2", None, "", robustness={"real[1]": 1}),
+    Known("held_robust", transfer([1], [1, "0.2", 1]), "0.5", None, "", robustness=1),
+)
+BY_NAME = {known.name: known for known in (*KNOWN, *HELD)}
 
 
 @cache
@@ -42,6 +50,9 @@ TAILS: dict[str, tuple[list[Any], list[Any], Any, tuple[Any, Any], tuple[Fractio
     "rest_on_a_limit": ([1, 1], [1, 5, 6], 1, (-1, 6), None),
     "at_once": ([1, 2, 3], [1, 0, 1], 1, (-1, 4), None),
     "at_once_on_a_limit": ([1, 2, 3], [1, 0, 1], 1, (-1, 1), None),
+    "at_once_on_the_other": ([1, 2, 3], [1, 0, 1], -1, (-1, 1), None),
+    "at_once_amplified": ([2, 4, 6], [1, 0, 1], 2, (-1, 1), None),
+    "at_once_and_rising": ([1, 1, 3], [1, "1.5", 1], 1, (-1, 4), None),
     "short_tail": ([1, 1], [1, 0, 0], 1, (-1, 1), (Fraction(1), Fraction(1, 20))),
     "no_stable_zero": ([-1, 1], [1, 2, 0], 1, (-1, 1), None),
 }
@@ -107,6 +118,13 @@ def command(time: str, segments: list[tuple[str, str]], free: list[list[Any]], r
     """An upper side's witness."""
     arcs = [{"start": start, "level": level} for start, level in segments]
     return {"maneuver_time": time, "segments": arcs, "tail": list(tail), "free": free, "radius": radius}
+
+
+def system(of: dict[str, Any], bits: int = 128) -> balls.System:
+    """A task's equations in balls, as the checker sees them, with work enough to look at them."""
+    balls.work["left"] = 1e9
+    with flint.ctx.workprec(bits):
+        return balls.system(read(certificate(of, lower="1", witnesses=(costate(), None))).task)
 
 
 def known(name: str) -> Known:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from fractions import Fraction
@@ -137,6 +138,7 @@ def test_a_tail_alone_may_touch_its_limit_at_the_first_instant() -> None:
         (task(["1"], ["1", "1"], "0.999"), "remainder", Outcome.INCONCLUSIVE),
         (task(["1"], ["1", "0", "1"], limits=("0", "1")), "remainder", Outcome.INCONCLUSIVE),  # takes 2π/3
         (task(["-1"], ["1", "-1"]), "remainder", Outcome.INCONCLUSIVE),  # an unstable pole says nothing
+        (task(["-0.5"], ["1", "-0.5"]), "remainder", Outcome.INCONCLUSIVE),
         (task(["1", "1"], ["1", "0", "0"], limits=("0", "1"), rest="output"), "face", Outcome.INCONCLUSIVE),  # a tail may do it
         (task(["-1", "1"], ["1", "0", "0"], limits=("0", "1"), rest="output"), "face", Outcome.PROVED),
         (task(["1", "0", "1"], ["1", "0", "0"], limits=("0", "1"), rest="output"), "face", Outcome.PROVED),
@@ -189,6 +191,8 @@ MALFORMED: dict[str, Callable[[dict[str, Any]], Any]] = {
     "multiplicity allows": lambda data: data["lower"]["costate"][0][0]["coefficients"].extend([["1", "0"]] * 5),
     "a tail that the task does not have": lambda data: data["lower"].update(tail=[{"time": "0", "upper": "1", "lower": "0"}]),
     "multipliers of the tail are not negative": lambda data: data["lower"].update(tail=[{"time": "0", "upper": "-1", "lower": "0"}]),
+    "tail are not negative": lambda data: data["lower"].update(tail=[{"time": "0", "upper": "1", "lower": "-1"}]),
+    "times and multipliers": lambda data: data["lower"].update(tail=[{"time": "-1", "upper": "1", "lower": "0"}]),
     "coefficients of a tail": lambda data: data["upper"].update(tail=[{"near": ["-1", "0"], "coefficients": [["1", "0"]]}]),
     "radius is positive": lambda data: data["upper"].update(radius="0"),
     "begins at 0": lambda data: data["upper"]["segments"][0].update(start="0.1"),
@@ -227,6 +231,8 @@ def test_malformed_certificates_say_what_is_wrong(sentence: str) -> None:
         (lambda data: data["upper"]["tail"].append(data["upper"]["tail"][0]), "named twice"),
         (lambda data: data["upper"]["tail"][0]["coefficients"].append(["0", "0"]), "other coefficients"),
         (lambda data: data["upper"].update(free=[["im", 0, 0], ["time", 0, 0]]), "no imaginary part"),
+        (lambda data: data["upper"].update(free=[["re", 0, 1], ["time", 0, 0]]), "names no unknown: ['re', 0, 1]"),
+        (lambda data: data["upper"].update(maneuver_time="0", segments=[], free=[["time", 0, 0]]), "names no unknown: ['time', 0, 0]"),
     ],
 )
 def test_malformed_output_rests(change: Callable[[dict[str, Any]], Any], sentence: str) -> None:
@@ -263,6 +269,17 @@ def test_malformed_output_rests(change: Callable[[dict[str, Any]], Any], sentenc
 )
 def test_what_is_no_certificate_at_all(content: bytes) -> None:
     assert outcome(content) is Outcome.MALFORMED
+
+
+def test_members_stand_in_their_order() -> None:
+    """RFC 8785 sorts them, and a digest of other bytes does not help."""
+    data = opened(proven("rigid_body"))
+    plain = {name: data[name] for name in reversed(data) if name != "digest"}
+    text = json.dumps(plain, separators=(",", ":"))
+    for of in (text, json.dumps(plain, sort_keys=True, separators=(",", ":"))):
+        digest = hashlib.sha256(of.encode()).hexdigest()
+        assert outcome(f'{text[:-1]},"digest":"{digest}"}}'.encode()) is Outcome.MALFORMED
+        assert outcome(f'{{"digest":"{digest}",{text[1:]}'.encode()) is Outcome.MALFORMED
 
 
 def test_every_prefix_and_a_wrong_digest_are_malformed() -> None:

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import json
 import random
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import independent
@@ -27,7 +30,17 @@ SLACK = 1e-7
 """Relative: what a floating-point bracket may be off by. Smaller lies are told in test_checking.py, about facts known to 1e-12."""
 SECONDS = 10.0
 
-STATE = ("two_mass_1", "two_mass_robust", "chain_4", "real_mode", "rigid_body_asymmetric", "oscillator", "unstable")
+STATE = (
+    "two_mass_1",
+    "two_mass_robust",
+    "chain_4",
+    "real_mode",
+    "rigid_body_asymmetric",
+    "oscillator",
+    "unstable",
+    "double_real",
+    "held_robust",
+)
 OUTPUT = ("real_zero", "pitch", "complex_zeros", "double_zero", "rest_on_a_limit", "short_tail", "at_once", "at_once_on_a_limit")
 
 
@@ -295,6 +308,21 @@ def test_tampered_certificates_are_never_believed() -> None:
 def test_ten_thousand_tampered_certificates_are_never_believed() -> None:
     counts = judge(range(1000, 11_000))
     assert all(counts[outcome.value] >= 400 for outcome in Outcome), counts
+
+
+@pytest.mark.slow
+def test_two_hundred_tampered_certificates_through_the_command(tmp_path: Path) -> None:
+    """The exit code and the JSON say what the checker says; nothing but a sentence goes wrong."""
+    exit_codes = {Outcome.PROVED: 0, Outcome.REFUTED: 1, Outcome.MALFORMED: 2, Outcome.INCONCLUSIVE: 3}
+    command, path = Path(sys.executable).with_name("slewcert"), tmp_path / "certificate.json"
+    for seed in range(200):
+        content = tampered(20_000 + seed)[1]
+        path.write_bytes(content)
+        done = subprocess.run([command, "check", path, "--json"], capture_output=True, text=True, timeout=60)
+        expected = check(content)
+        assert done.returncode == exit_codes[expected.outcome], (seed, done)
+        assert json.loads(done.stdout) == expected.to_dict()
+        assert "Traceback" not in done.stderr
 
 
 def test_the_originals_are_true_and_their_lies_are_not() -> None:

@@ -70,15 +70,13 @@ def support(p: Wave, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
             total += arb(0, (small * (b - a)).upper())
         elif not (a < c < b) or not value.rad() * span <= fine:
             raise Undecided("the sign of the costate is undecided at this precision")
-        elif slope > 0 or slope < 0:
+        else:
             # Left of the enclosure of c - p(c)/p' the sign of p is that of -p', right of it that of p', whether or not [a, b] holds a root.
             rising, root = (1 if slope > 0 else -1), c - value / slope
             low = root.lower() if a < root.lower() < b else b if root.lower() > b else a
             high = root.upper() if a < root.upper() < b else a if root.upper() < a else b
-            middle = ((low + high) / 2).mid() if (high - low) * 2 > b - a else low
-            waiting += [(high, b, rising), (middle, high, 0), (low, middle, 0), (a, low, -rising)]
-        else:
-            waiting += [(c, b, 0), (a, c, 0)]
+            isolated = (slope > 0 or slope < 0) and (high - low) * 2 <= b - a
+            waiting += [(high, b, rising), (low, high, 0), (a, low, -rising)] if isolated else [(c, b, 0), (a, c, 0)]
     if not (decided[0][0] == 0 and decided[-1][1] == horizon and all(one[1] == next_[0] for one, next_ in pairwise(decided))):
         raise Undecided("the horizon is not covered")
     for sign, cells in groupby(decided, key=itemgetter(2)):
