@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import elementwise
 
 from relaxations.maneuvers import Problem
 
@@ -21,6 +20,7 @@ Reals = NDArray[np.float64]
 
 SAMPLES_PER_PERIOD = 64  # of each pole, as long as its motion lasts; between two samples p has no more than one extremum then
 MOST_SAMPLES = 200_000  # of one pole
+MOST_STEPS = 120  # of the search for one root: halving alone takes about 60
 LASTING = 50.0  # time constants after which (or, right of the axis, before which) a mode's share of the costate is rounding
 
 
@@ -41,12 +41,18 @@ def costate_roots(problem: Problem, costate: Reals, horizon: float) -> Reals:
     missed would make the lower bound too long.
     """
     grid = _samples(problem, horizon)
-    table = problem.rows(grid)
-    values, slopes = costate @ table, problem.derivative(costate) @ table
+    table, change = problem.rows(grid), problem.derivative(costate)
+    values, slopes = costate @ table, change @ table
     same = values[:-1] * values[1:] > 0
     turning = np.flatnonzero(same & (slopes[:-1] * values[:-1] < 0) & (slopes[1:] * values[1:] > 0))
     if len(turning):
-        extrema = _roots(problem, problem.derivative(costate), grid[turning], grid[turning + 1])
+        # With one extremum between two samples |p| is convex there: above the point where its tangents meet.
+        left, right = turning, turning + 1
+        width, fall = grid[right] - grid[left], slopes[left] - slopes[right]
+        meeting = values[left] + slopes[left] * (values[right] - values[left] - slopes[right] * width) / fall
+        turning = turning[meeting * values[left] <= 0]
+    if len(turning):
+        extrema = _roots(problem, change, grid[turning], grid[turning + 1])
         grid = np.insert(grid, turning + 1, extrema)
         values = np.insert(values, turning + 1, costate @ problem.rows(extrema))
     values[values == 0.0] = np.finfo(float).tiny  # a grid point that hits a root belongs to its right-hand neighbour's side
@@ -55,19 +61,25 @@ def costate_roots(problem: Problem, costate: Reals, horizon: float) -> Reals:
 
 
 def _roots(problem: Problem, costate: Reals, left: Reals, right: Reals) -> Reals:
-    """The root of `λᵀ b` in each bracket."""
-
-    def p(s: Reals) -> Reals:
-        return costate @ problem.rows(s)
-
+    """The root of `λᵀ b` in each bracket: Newton's method, which halves the bracket wherever it would leave it or hardly gains."""
     if not len(left):
         return np.zeros(0)
-    found = elementwise.find_root(p, (left, right), tolerances={"xatol": 0.0, "xrtol": 4e-16, "fatol": 0.0, "frtol": 0.0})
-    if not np.isfinite(found.x).all():
-        # At a sample that hits a root the sign is rounding and may differ from the one seen before: that end is the root.
-        nearer = np.where(np.abs(p(left)) <= np.abs(p(right)), left, right)
-        return np.where(np.isfinite(found.x), found.x, nearer)
-    return found.x
+    change, rising = problem.derivative(costate), costate @ problem.rows(left) < 0
+    low, high, x, last, eps = left, right, (left + right) / 2, 2 * (right - left), float(np.finfo(float).eps)
+    for _ in range(MOST_STEPS):
+        table = problem.rows(x)
+        value, slope = costate @ table, change @ table
+        above = (value > 0) == rising
+        low, high = np.where(above, low, x), np.where(above, x, high)
+        step = np.divide(-value, slope, out=np.full_like(x, np.inf), where=slope != 0.0)
+        inside = np.clip(x + step, low, high)
+        good = (np.abs(inside - x - step) <= (high - low) / 16) & (np.abs(step) <= last / 2)  # a root may lie at the end of its bracket
+        found = (np.abs(value) <= 4 * eps * (np.abs(costate) @ np.abs(table))) | (last <= 2 * eps * x)  # what is left is rounding
+        following = np.where(found, x, np.where(good, inside, (low + high) / 2))
+        last, x = np.abs(following - x), following
+        if np.all(found):
+            break
+    return x
 
 
 @dataclass(frozen=True, slots=True)
