@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -97,9 +98,12 @@ class GridMinimum:
     below: programs.GridSolution | None
     above: programs.GridSolution | None
     count: int
+    settled: bool = False  # the search ended early: what came of the last solution is all that was wanted
 
 
 CUTS = 6  # rounds of cutting planes for the tail's limits
+FLAT = 1e-3  # d log α/d log T below which α says nothing about the time
+NEAR, EARLY = 0.05, 2  # of log α: Newton's method on the switches is tried from there on, so often
 STALLS = 3  # times that the solver may give no answer, in one search
 FARTHEST = 1e6  # times the plant's own time scale: a target that is out of reach until then is called so
 LARGEST_EXPONENT = 600.0  # of e^{pT} for an unstable pole p: a double ends at e^709
@@ -124,7 +128,19 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
     if (instant := _tail_only(problem)) is not None:
         command = Command(0.0, (), Tail(problem.absolute(problem.hold), problem.tail.terms(instant)))
         return Bound(Status.BRACKETED, 0.0, 0.0, np.zeros(problem.size), command, 0, NOT_PROVEN, 0, time.perf_counter() - begun, instant)
-    grid = _cut_minimum(problem, chosen, near)
+    early: list[Extremal | Failure] = []
+
+    def settled(solution: programs.GridSolution) -> bool:
+        """Whether an extremal near a solution follows from it already."""
+        off = abs(math.log(max(solution.fraction, 1e-300)))
+        if len(early) == EARLY or off > NEAR or _exponent(problem, solution) <= FLAT:
+            return False
+        early.append(found := _refined(problem, solution))
+        if isinstance(found, Failure) or abs(math.log(found.maneuver_time / solution.maneuver_time)) > 2 * NEAR:
+            return False
+        return not len(problem.tail.exceeded(found.tail_coefficients))
+
+    grid = _cut_minimum(problem, chosen, near, settled)
 
     def bound(dual: programs.GridSolution | Extremal, command: Command | None, switches: int | None, reason: str) -> Bound:
         upper = None if command is None else command.maneuver_time
@@ -136,6 +152,8 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         seconds, tail = time.perf_counter() - begun, dual.tail_coefficients
         return Bound(Status.BRACKETED, lower, upper, dual.costate, command, switches, reason, grid.count, seconds, tail, dual)
 
+    if grid.settled and isinstance(found := early[-1], Extremal):
+        return bound(found, found.command(problem), len(found.switches_to_go), NOT_PROVEN)
     if grid.above is None:
         assert grid.below is not None
         reach = grid.below.fraction
@@ -145,11 +163,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
     for start in (grid.above, grid.below):
         if start is None:
             continue
-        touching = contacts(problem, start)
-        if touching is None:
-            tried.append("the tail touches a limit in its course")
-            continue
-        found = refine(problem, start.costate, start.maneuver_time, touching)
+        found = _refined(problem, start)
         if isinstance(found, Failure):
             tried.append(found.reason)
             continue
@@ -169,6 +183,13 @@ def _tail_only(problem: Problem) -> Reals | None:
     course = tail.rows(tail.looks()) @ coefficients
     slack = 1e-12 * (problem.upper - problem.lower)  # a tail may begin on a limit exactly; the proof decides
     return coefficients if np.all(course <= above + slack) and np.all(-course <= below + slack) else None
+
+
+def _refined(problem: Problem, start: programs.GridSolution) -> Extremal | Failure:
+    touching = contacts(problem, start)
+    if touching is None:
+        return Failure("the tail touches a limit in its course")
+    return refine(problem, start.costate, start.maneuver_time, touching)
 
 
 def contacts(problem: Problem, solution: programs.GridSolution) -> TailStart | None:
@@ -193,25 +214,31 @@ def instants(problem: Problem, horizon: float, settings: Settings) -> Reals:
     return grid(problem, horizon, least, settings.cells_per_period, settings.most_cells)
 
 
-def _cut_minimum(problem: Problem, settings: Settings, near: float | None) -> GridMinimum:
+def _cut_minimum(problem: Problem, settings: Settings, near: float | None, settled: Callable[[programs.GridSolution], bool]) -> GridMinimum:
     """`grid_minimum` with cutting planes: the tail's limits are imposed at the extremes too at which the last tail exceeded them."""
     looks = problem.tail.looks()
-    grid = grid_minimum(problem, settings, near, looks)
+    grid = grid_minimum(problem, settings, near, looks, settled)
     count = grid.count
     for _ in range(CUTS):
-        if grid.above is None or not len(over := problem.tail.exceeded(grid.above.tail_coefficients)):
+        if grid.settled or grid.above is None or not len(over := problem.tail.exceeded(grid.above.tail_coefficients)):
             break
         looks = np.union1d(looks, over)
-        grid = grid_minimum(problem, settings, grid.above.maneuver_time, looks)
+        grid = grid_minimum(problem, settings, grid.above.maneuver_time, looks, settled)
         count += grid.count
     return replace(grid, count=count)
 
 
-def grid_minimum(problem: Problem, settings: Settings, near: float | None = None, looks: Reals | None = None) -> GridMinimum:
+def grid_minimum(
+    problem: Problem,
+    settings: Settings,
+    near: float | None = None,
+    looks: Reals | None = None,
+    settled: Callable[[programs.GridSolution], bool] = lambda solution: False,
+) -> GridMinimum:
     """The root of α(T) = 1 by Newton's method on log α against log T, safeguarded by the bracket found so far.
 
     With the costate scaled to `λᵀ target = 1`, `dα/dT = σ(p(T))`. On logarithms a rigid body (α ~ T^m) is solved in one step, and no unit
-    of time or amplitude matters.
+    of time or amplitude matters. The search ends early with the first solution that is `settled`.
     """
     growth = max((pole.value.real for target in problem.sets for pole in target.basis.poles), default=0.0)
     horizon = first = _first_guess(problem) if growth <= 0.0 else min(_first_guess(problem), 1.0 / growth)
@@ -243,6 +270,8 @@ def grid_minimum(problem: Problem, settings: Settings, near: float | None = None
             above = solution
         else:
             below = solution
+        if settled(solution):
+            return GridMinimum(below, above, count, True)
         if solution.reaches and fraction <= 1.0 + settings.tolerance:
             break
         if above is None and horizon >= farthest:
@@ -250,13 +279,12 @@ def grid_minimum(problem: Problem, settings: Settings, near: float | None = None
         if above and below and above.program.maneuver_time / below.program.maneuver_time - 1.0 <= settings.tolerance:
             break
         off = -math.log(max(fraction, 1e-300))
-        end = float(solution.costate @ problem.rows([horizon])[:, 0])
-        exponent = horizon * max(problem.upper * end, problem.lower * end) / fraction if fraction > VISIBLE else 0.0
+        exponent = _exponent(problem, solution)
         if exponent and last and max(abs(last[1]) / 8, NOISE) < abs(off) and last[1] < -math.log(VISIBLE):
             # The costate's slope is that of continuous time: where the grid cannot follow short arcs, the slope seen is the better one.
             exponent = (last[1] - off) / math.log(horizon / last[0])
         last = horizon, off
-        if exponent > 1e-3:
+        if exponent > FLAT:
             # Aim a hair beyond the root, so that the last program lies on the feasible side.
             ratio = math.exp(min(max((math.log1p(settings.tolerance / 2) + off) / exponent, -3.0), 3.0))
         else:
@@ -270,6 +298,13 @@ def grid_minimum(problem: Problem, settings: Settings, near: float | None = None
             )
         horizon = following
     return GridMinimum(below, above, count)
+
+
+def _exponent(problem: Problem, solution: programs.GridSolution) -> float:
+    """`d log α/d log T`, which the costate knows; 0 where α is known to too few digits."""
+    end = float(solution.costate @ problem.rows([solution.maneuver_time])[:, 0])
+    steepest = solution.maneuver_time * max(problem.upper * end, problem.lower * end)
+    return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0
 
 
 def _first_guess(problem: Problem) -> float:

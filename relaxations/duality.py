@@ -120,6 +120,8 @@ def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.
         value = support(problem, costate, time)
         if value.integral + value.rounding < wanted:
             low, best = time, max(best, time)
+            if wanted - value.integral <= 4 * value.rounding:
+                break
         else:
             high = time
         # A slope of zero says nothing about where the root is: bisect (or double) then.

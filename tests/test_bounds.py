@@ -255,7 +255,7 @@ def test_without_refinement_the_staircase_is_a_command_and_the_reason_says_so(mo
 
 def test_settings_are_obeyed():
     known = FACTS[0].problem()
-    assert bracket(known, Settings(programs=3)).programs == 3
+    assert bracket(known, Settings(programs=1)).programs == 1
     coarse = bracket(known, Settings(least_cells=40, cells_per_equation=5))
     assert coarse.upper == pytest.approx(4.2178665105, abs=5e-11)  # the grid is only a start
 
