@@ -4,6 +4,7 @@
     ├── PlantError       the plant cannot be used as written (improper, a zero at the origin, a hidden mode …)
     ├── ManeuverError    the task has no answer, or only a degenerate one (limits without the rest input …)
     ├── CommandError     a command or command file is malformed
+    ├── ShaperError      a shaper or shaper file is malformed, or what was asked of it has no form that is known here
     └── SolverError      a numerical step failed; what was tried stands in the message
         └── ShortHorizonError   the time is so short that the modes cannot be told apart in it
 
@@ -25,6 +26,10 @@ class ManeuverError(RelaxationsError):
 
 class CommandError(RelaxationsError):
     """A command or command file is malformed."""
+
+
+class ShaperError(RelaxationsError):
+    """A shaper or shaper file is malformed, or a shaped command is none that segments and one tail can hold."""
 
 
 class SolverError(RelaxationsError):

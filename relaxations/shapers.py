@@ -1,0 +1,242 @@
+"""The shaper: a filter that turns any reference into one that a flexible machine follows without vibration.
+
+Its impulse response is a sequence of impulses and, if it makes use of the plant's zeros or real poles, decaying terms beside them:
+
+    h(t) = Σ A_i δ(t - t_i) + Σ Re(c τ^k e^{pτ}),   τ = t - start ≥ 0,   ∫ h dt = 1
+
+In the s-plane that is a sum of e^{-s start}/(s - p)^n (n = 0: an impulse), and so is a command. Convolution is the product, in partial
+fractions again: shapers for several modes are joined, and commands shaped, in closed form.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import operator
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from relaxations.commands import Command, Segment, Tail, TailTerm
+from relaxations.errors import ShaperError
+from relaxations.response import jumps
+
+FORMAT = "slewcert-shaper/1"
+GAIN_TOLERANCE = 1e-6  # how far the static gain may be from 1: files with six digits are shapers too
+SAME_INSTANT = 1e-14  # of the duration: sums of the same instants in another order differ by rounding
+
+
+@dataclass(frozen=True, slots=True)
+class ShaperTerm:
+    """`Re(coefficient · τ^power · e^{rate τ})`, τ = t - `start` ≥ 0 [s]; rate in 1/s; of a pair one term, the one with Im(rate) > 0."""
+
+    start: float
+    rate: complex
+    power: int
+    coefficient: complex
+
+    @property
+    def gain(self) -> float:
+        """Its integral, `Re(c k! / (-p)^(k+1))`."""
+        return (self.coefficient * math.factorial(self.power) / (-self.rate) ** (self.power + 1)).real
+
+
+@dataclass(frozen=True, slots=True)
+class Shaper:
+    """Impulses of `amplitudes` at `times` [s], and decaying `terms`; the first of them acts at 0, the static gain is 1.
+
+    Raises `ShaperError`, which names everything that is wrong.
+    """
+
+    times: tuple[float, ...]
+    amplitudes: tuple[float, ...]
+    terms: tuple[ShaperTerm, ...] = ()
+
+    def __post_init__(self) -> None:
+        if problems := list(self._mistakes()):
+            raise ShaperError("; ".join(problems))
+
+    @property
+    def duration(self) -> float:
+        """When its last impulse acts or its last term begins [s]."""
+        return max((*self.times, *(term.start for term in self.terms)))
+
+    @property
+    def gain(self) -> float:
+        """The static gain: amplitudes and integrals of the terms."""
+        return math.fsum((*self.amplitudes, *(term.gain for term in self.terms)))
+
+    def _mistakes(self) -> Iterator[str]:
+        if len(self.times) != len(self.amplitudes):
+            yield f"a shaper has one amplitude for each time; there are {len(self.times)} times and {len(self.amplitudes)} amplitudes"
+        numbers = [x for t in self.terms for x in (t.start, t.rate.real, t.rate.imag, t.coefficient.real, t.coefficient.imag)]
+        if not all(map(math.isfinite, (*self.times, *self.amplitudes, *numbers))):
+            yield "a shaper holds finite numbers only"
+            return
+        for before, after in itertools.pairwise(self.times):
+            if not before < after:
+                yield f"impulses stand in strictly ascending order: {after!r} s follows {before!r} s"
+        starts = [*self.times, *(term.start for term in self.terms)]
+        if not starts or min(starts) != 0.0:
+            yield f"a shaper begins at 0 s; {f'this one at {min(starts)!r} s' if starts else 'this one is empty'}"
+        growing = [term for term in self.terms if not (term.rate.real < 0.0 and term.power >= 0)]
+        yield from (f"a shaper's term decays: rate {term.rate!r} with power {term.power} does not" for term in growing)
+        if starts and not growing and abs(self.gain - 1.0) > GAIN_TOLERANCE:
+            yield f"amplitudes{' and integrals of the terms' if self.terms else ''} sum to 1, not to {self.gain!r}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The shaper file as plain data (`slewcert-shaper/1`)."""
+        return {
+            "format": FORMAT,
+            "times": list(self.times),
+            "amplitudes": list(self.amplitudes),
+            "terms": [
+                {
+                    "start": t.start,
+                    "rate": [t.rate.real, t.rate.imag],
+                    "power": t.power,
+                    "coefficient": [t.coefficient.real, t.coefficient.imag],
+                }
+                for t in self.terms
+            ],
+        }
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> Shaper:
+        """The inverse of `to_dict`; further members are left alone. Raises `ShaperError` naming what is malformed."""
+        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+            found = data.get("format") if isinstance(data, Mapping) else type(data).__name__
+            raise ShaperError(f'a shaper file has "format": "{FORMAT}"; this one has {found!r}')
+        try:
+            return Shaper(
+                tuple(float(t) for t in data["times"]),
+                tuple(float(a) for a in data["amplitudes"]),
+                tuple(
+                    ShaperTerm(float(t["start"]), complex(*t["rate"]), operator.index(t["power"]), complex(*t["coefficient"]))
+                    for t in data.get("terms", ())
+                ),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
+            raise ShaperError(f"malformed shaper file: {type(problem).__name__} {problem}") from None
+
+    @staticmethod
+    def from_json(text: str) -> Shaper:
+        """Read a shaper file's text."""
+        try:
+            data = json.loads(text)
+        except (ValueError, RecursionError) as problem:
+            raise ShaperError(f"a shaper file is JSON: {problem}") from None
+        return Shaper.from_dict(data)
+
+
+def convolve(first: Shaper, second: Shaper) -> Shaper:
+    """One after the other: what is left unexcited by either is left unexcited by both."""
+    parts = _product(_parts_of(first), _parts_of(second), first.duration + second.duration)
+    impulses = sorted((part.start, weight.real) for part, weight in parts.items() if part.order == 0)
+    return Shaper(
+        tuple(start for start, _ in impulses),
+        tuple(amplitude for _, amplitude in impulses),
+        tuple(ShaperTerm(part.start, part.rate, part.order - 1, value) for part, value in _real_terms(parts)),
+    )
+
+
+def shape(command: Command, shaper: Shaper, rest: float = 0.0) -> Command:
+    """What the shaper makes of the command, exactly; `rest` is the input before the command's start (input units).
+
+    Raises `ShaperError` if exponentials run before the last switch: segments and one tail cannot hold that (a running filter can).
+    """
+    parts = _product(_parts_of_command(command, rest), _parts_of(shaper), command.end + shaper.duration)
+    instants = sorted({part.start for part in parts})
+    terms = list(_real_terms(parts))
+    end = instants[-1]
+    if early := [part.start for part, _ in terms if part.start < end]:
+        raise ShaperError(
+            f"the shaped command has decaying terms from {min(early)!r} s on and goes on switching until {end!r} s, "
+            "which segments and a tail cannot hold; export the shaper as an FMU to run it on this reference"
+        )
+    segments, level, slope, since = [], rest, 0.0, 0.0
+    for instant in instants:
+        level += slope * (instant - since) + parts.get(_Part(instant, 0j, 1), 0j).real
+        slope += parts.get(_Part(instant, 0j, 2), 0j).real
+        since = instant
+        segments.append(Segment(instant, level, slope))
+    tail = Tail(level, tuple(TailTerm(part.rate, part.order - 1, value) for part, value in terms))
+    return Command(end - instants[0], tuple(segments[:-1]), tail)
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """e^{-s start}/(s - rate)^order: an impulse (order 0, rate 0), else `τ^(order-1)/(order-1)! e^{rate τ}`."""
+
+    start: float
+    rate: complex
+    order: int
+
+
+_Parts = dict[_Part, complex]
+
+
+def _parts_of(shaper: Shaper) -> _Parts:
+    impulses = {_Part(time, 0j, 0): complex(amplitude) for time, amplitude in zip(shaper.times, shaper.amplitudes, strict=True)}
+    return _summed([*impulses.items(), *_conjugates((t.start, t.rate, t.power, t.coefficient) for t in shaper.terms)])
+
+
+def _parts_of_command(command: Command, rest: float) -> _Parts:
+    polygon = [(_Part(float(at), 0j, order), complex(jump)) for at, *both in jumps(command, rest) for order, jump in enumerate(both, 1)]
+    return _summed([*polygon, *_conjugates((command.end, t.rate, t.power, t.coefficient) for t in command.tail.terms)])
+
+
+def _conjugates(terms: Iterable[tuple[float, complex, int, complex]]) -> Iterator[tuple[_Part, complex]]:
+    """Re(z) = (z + conj z)/2: both halves of each term."""
+    for start, rate, power, coefficient in terms:
+        half = coefficient * math.factorial(power) / 2
+        yield _Part(start, rate, power + 1), half
+        yield _Part(start, rate.conjugate(), power + 1), half.conjugate()
+
+
+def _summed(parts: Iterable[tuple[_Part, complex]]) -> _Parts:
+    total: _Parts = defaultdict(complex)
+    for part, weight in parts:
+        if weight:
+            total[part] += weight
+    return dict(total)
+
+
+def _product(left: _Parts, right: _Parts, duration: float) -> _Parts:
+    pairs = list(itertools.product(left.items(), right.items()))
+    same = _one_instant([a.start + b.start for (a, _), (b, _) in pairs], SAME_INSTANT * duration)
+    return _summed(
+        (_Part(same[a.start + b.start], rate, order), x * y * weight)
+        for (a, x), (b, y) in pairs
+        for rate, order, weight in _partial_fractions(a.rate, a.order, b.rate, b.order)
+    )
+
+
+def _one_instant(instants: Iterable[float], tolerance: float) -> dict[float, float]:
+    """For each instant the first one that cannot be told from it."""
+    first, same = -math.inf, {}
+    for instant in sorted(set(instants)):
+        first = instant if instant - first > tolerance else first
+        same[instant] = first
+    return same
+
+
+def _partial_fractions(p: complex, m: int, q: complex, n: int) -> Iterator[tuple[complex, int, complex]]:
+    """1/((s-p)^m (s-q)^n) as a sum of weight/(s - rate)^order, in triples (rate, order, weight)."""
+    if m == 0 or n == 0 or p == q:
+        yield p if m else q, m + n, 1 + 0j
+        return
+    for pole, count, other, others in ((p, m, q, n), (q, n, p, m)):
+        for order in range(1, count + 1):
+            left = count - order  # the Taylor coefficient of (s - other)^-others at the pole
+            yield pole, order, (-1) ** left * math.comb(others - 1 + left, left) / (pole - other) ** (others + left)
+
+
+def _real_terms(parts: _Parts) -> Iterator[tuple[_Part, complex]]:
+    """The decaying terms with their coefficients, of a conjugate pair the half above the axis, by start, rate and power."""
+    decaying = [(part, weight) for part, weight in parts.items() if part.rate and part.rate.imag >= 0.0]
+    for part, weight in sorted(decaying, key=lambda item: (item[0].start, item[0].rate.real, item[0].rate.imag, item[0].order)):
+        value = 2 * weight if part.rate.imag else complex(weight.real)
+        yield part, value / math.factorial(part.order - 1)
