@@ -30,7 +30,7 @@ test: env compiler ## set up and run the tests; says which groups it leaves out
 slow: env compiler ## the tests that take long
 	$(BIN)/pytest -m slow
 
-foreign: env compiler foreign-env ## the tests that need headless Chromium and Node
+foreign: env compiler foreign-env ## the tests that need headless Chromium, Node, and ziglang, which is installed (100 MB)
 	$(BIN)/pytest -m foreign
 
 benchmark: env compiler ## the measurements (installs CasADi to compare with)
@@ -68,6 +68,8 @@ fmus: env compiler ## build the shipped plants
 	$(BIN)/slewcert fmus build
 
 foreign-env: tests/foreign/node_modules/.package-lock.json
+	@$(BIN)/python -c 'import ziglang' 2>/dev/null \
+	  || $(BIN)/python -m pip install $(PIP_FLAGS) --require-hashes --requirement requirements-compiler.lock
 
 tests/foreign/node_modules/.package-lock.json: tests/foreign/package-lock.json
 	npm ci --prefix tests/foreign

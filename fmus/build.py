@@ -7,40 +7,22 @@ co-simulation, one binary (this machine's), and the C sources. The same sources 
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
-import io
-import os
-import platform
-import shlex
-import shutil
-import subprocess
-import sys
-import tempfile
-import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal, get_args
+from typing import get_args
 
-import platformdirs
-
+from fmus.compiling import FLAGS, SUFFIX, FmiVersion, cache, compile_library, host
 from fmus.errors import BuildError, DescriptionError
 from fmus.generation import build_description_3, c_header, model_description_2, model_description_3
+from fmus.packing import digest, token, write, zipped
 from fmus.plant_files import PlantFile, read_plant_file
 from fmus.twins import check_twin
 
-FmiVersion = Literal["2.0", "3.0"]
-
 PLANTS = Path(__file__).parent / "plants"
 SOURCES = Path(__file__).parent / "sources"
-SHARED = ("instance.c", "fmustate.c", "integrator.c")
-# -ffp-contract=off: no fused multiply-add behind our back, so that every compiler and processor gives the same bits.
-# -g0 -s: debug information would name folders of the machine that built it.
-FLAGS = (
-    *("-std=c11", "-O2", "-g0", "-s", "-shared", "-fvisibility=hidden", "-ffp-contract=off"),
-    *("-Wall", "-Wextra", "-DFMI3_OVERRIDE_FUNCTION_PREFIX"),
-)
-COMPILE_SECONDS = 300.0
+INTEGRATOR = "integrator.c"
+SHARED = ("instance.c", "fmustate.c")
+HEADERS = ("instance.h", "integrator.h", "plant.h")
 
 
 def shipped() -> tuple[str, ...]:
@@ -74,54 +56,57 @@ def build_folder(folder: Path, fmi_version: FmiVersion = "3.0", out: Path | None
     if fmi_version not in get_args(FmiVersion):
         raise BuildError(f"FMI version {fmi_version!r} cannot be built; valid are {', '.join(get_args(FmiVersion))}")
     plant = read_plant_file(folder / "plant.toml")
-    files = _archive_files(folder, plant, fmi_version)
-    key = _digest({**files, "flags": " ".join(FLAGS).encode(), "platform": "/".join(_binary(plant, fmi_version)).encode()})
+    files, compiled = _plant_files(folder, plant, fmi_version)
+    library = f"binaries/{host().folder(fmi_version)}/{plant.name}{SUFFIX[host().system]}"
+    key = digest({**files, "flags": " ".join(FLAGS).encode(), "platform": library.encode()})
     archive = cache() / "fmus" / key[:16] / f"{plant.name}.fmi{fmi_version[0]}.fmu"
     if not archive.exists():
-        folder_name, file_name = _binary(plant, fmi_version)
-        library = _compile(plant, files, fmi_version, file_name)
-        _write(archive, _zip({**files, f"binaries/{folder_name}/{file_name}": library}))
+        write(archive, zipped({**files, library: compile_library(plant.name, compiled, source_texts(files))}))
     if out is None:
         return archive
     target = out if out.suffix == ".fmu" else out / archive.name
-    _write(target, archive.read_bytes())
+    write(target, archive.read_bytes())
     return target
 
 
-def cache() -> Path:
-    """Where built archives are kept."""
-    chosen = os.environ.get("SLEWCERT_CACHE")
-    return Path(chosen) if chosen else platformdirs.user_cache_path("slewcert")
+def source_texts(files: Mapping[str, bytes]) -> dict[str, bytes]:
+    """The files below sources/, by name."""
+    return {name.removeprefix("sources/"): text for name, text in files.items() if name.startswith("sources/")}
 
 
-def compiler() -> list[str]:
-    """The C compiler's command: $CC, cc, gcc, clang, or the one inside the Python package ziglang, whichever is there first."""
-    chosen = shlex.split(os.environ.get("CC", ""))
-    if chosen:
-        if shutil.which(chosen[0]) is None:
-            raise BuildError(f"the environment variable CC names {chosen[0]!r}, which is no program on the PATH; unset it or correct it")
-        return chosen
-    for program in ("cc", "gcc", "clang"):
-        if path := shutil.which(program):
-            return [path]
-    if importlib.util.find_spec("ziglang") is not None:
-        return [sys.executable, "-m", "ziglang", "cc"]
-    raise BuildError(
-        "no C compiler found: tried $CC, cc, gcc, clang and the Python package ziglang. "
-        "Install one of them ('pip install ziglang' needs no administrator), or set CC to a compiler's command"
-    )
+def fmu_files(
+    plant: PlantFile, own: Mapping[str, bytes], main: Sequence[str], fmi_version: FmiVersion, resources: Mapping[str, bytes]
+) -> tuple[dict[str, bytes], tuple[str, ...]]:
+    """Everything in an archive but the libraries, by its path there, and the names of the C files to compile.
+
+    `own` are source files by name, `main` those of them that are compiled; what is the same for every FMU joins them here.
+    Raises `BuildError` if `own` holds a file that has the name of a shared one.
+    """
+    wrapper = f"fmi{fmi_version[0]}.c"
+    shared = {name: (SOURCES / name).read_bytes() for name in (*SHARED, *HEADERS, wrapper)}
+    if clash := own.keys() & (shared.keys() | {"variables.h"}):
+        raise BuildError(f"a plant's folder may not hold a {min(clash)}: the shared sources have a file of that name")
+    compiled = (*main, *SHARED, wrapper)
+
+    def described(guid: str) -> dict[str, bytes]:
+        files = {f"sources/{name}": text for name, text in {**own, **shared, "variables.h": c_header(plant, guid).encode()}.items()}
+        if fmi_version == "2.0":
+            description = {"modelDescription.xml": model_description_2(plant, guid, compiled)}
+        else:
+            description = {"modelDescription.xml": model_description_3(plant, guid)}
+            description["sources/buildDescription.xml"] = build_description_3(plant, compiled)
+        return {**files, **resources, **description}
+
+    # The token is a hash of everything else: a library never meets the description of another build unnoticed.
+    return described(token(described(""))), compiled
 
 
-def _archive_files(folder: Path, plant: PlantFile, fmi_version: FmiVersion) -> dict[str, bytes]:
-    """Everything in the archive but the binary, by its path there."""
+def _plant_files(folder: Path, plant: PlantFile, fmi_version: FmiVersion) -> tuple[dict[str, bytes], tuple[str, ...]]:
     own = {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.suffix in {".c", ".h"}}
     if f"{plant.name}.c" not in own:
         raise BuildError(f"{folder} has no {plant.name}.c, which must hold the equations of the plant {plant.name!r}")
-    wrapper = f"fmi{fmi_version[0]}.c"
-    shared = {path.name: path.read_bytes() for path in sorted(SOURCES.iterdir()) if path.suffix == ".h" or path.name in {*SHARED, wrapper}}
-    if clash := own.keys() & (shared.keys() | {"variables.h"}):
-        raise BuildError(f"{folder} may not hold a {min(clash)}: the shared sources have a file of that name")
-    texts = {**own, **shared}
+    if INTEGRATOR in own:
+        raise BuildError(f"{folder} may not hold a {INTEGRATOR}: the shared sources have a file of that name")
     twin = folder / "twin.toml"
     resources = {"resources/twin.toml": twin.read_bytes()} if twin.exists() else {}
     if resources:
@@ -129,92 +114,5 @@ def _archive_files(folder: Path, plant: PlantFile, fmi_version: FmiVersion) -> d
             check_twin(twin.read_text(encoding="utf-8"))
         except DescriptionError as problem:
             raise BuildError(f"{twin}: {problem}") from None
-    # The token is a hash of all sources: a library never meets the description of another build unnoticed.
-    token = _digest({**texts, **resources, "plant.toml": (folder / "plant.toml").read_bytes(), "version": fmi_version.encode()})
-    token = f"{{{token[:8]}-{token[8:12]}-{token[12:16]}-{token[16:20]}-{token[20:32]}}}"
-    compiled = (f"{plant.name}.c", *SHARED, wrapper)
-    texts["variables.h"] = c_header(plant, token).encode()
-    files = {f"sources/{name}": text for name, text in texts.items()} | resources
-    if fmi_version == "2.0":
-        files["modelDescription.xml"] = model_description_2(plant, token, compiled)
-    else:
-        files["modelDescription.xml"] = model_description_3(plant, token)
-        files["sources/buildDescription.xml"] = build_description_3(plant, compiled)
-    return files
-
-
-def _compile(plant: PlantFile, files: Mapping[str, bytes], fmi_version: FmiVersion, file_name: str) -> bytes:
-    command = compiler()
-    headers = _fmi_headers()
-    with tempfile.TemporaryDirectory(prefix="slewcert-build-") as folder:
-        for name, text in files.items():
-            if name.startswith("sources/"):
-                (Path(folder) / Path(name).name).write_bytes(text)
-        # Names relative to the folder: a path of this machine in the library would change its bytes from build to build.
-        sources = [f"{plant.name}.c", *SHARED, f"fmi{fmi_version[0]}.c"]
-        extra = [] if sys.platform == "win32" else ["-fPIC"]
-        libraries = [] if sys.platform == "win32" else ["-lm"]
-        full = [*command, *FLAGS, *extra, f"-I{headers}", "-o", file_name, *sources, *libraries]
-        try:
-            done = subprocess.run(full, cwd=folder, capture_output=True, text=True, errors="replace", timeout=COMPILE_SECONDS, check=False)
-        except (OSError, subprocess.TimeoutExpired) as problem:
-            raise BuildError(f"compiling {plant.name} with '{shlex.join(command)}' failed: {problem}") from None
-        library = Path(folder) / file_name
-        if done.returncode != 0 or not library.exists():
-            words = done.stderr.strip() or done.stdout.strip() or f"exit code {done.returncode} without a message"
-            raise BuildError(f"compiling {plant.name} with '{shlex.join(command)}' failed:\n{words}")
-        return library.read_bytes()
-
-
-def _fmi_headers() -> Path:
-    # The headers of the FMI standard come with FMPy; looking for them does not import it.
-    spec = importlib.util.find_spec("fmpy")
-    for place in (spec.submodule_search_locations or ()) if spec else ():
-        if (Path(place) / "c-code" / "fmi3Functions.h").exists():
-            return Path(place) / "c-code"
-    raise BuildError("the headers of the FMI standard are missing: they come with the Python package FMPy ('pip install fmpy')")
-
-
-def _binary(plant: PlantFile, fmi_version: FmiVersion) -> tuple[str, str]:
-    """Folder below binaries/ and file name of this machine's library."""
-    systems = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
-    machines = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
-    machine = machines.get(platform.machine().lower())
-    if sys.platform not in systems or machine is None:
-        raise BuildError(f"plants cannot be built for {sys.platform} on {platform.machine()}: FMI has no agreed name for it")
-    system, suffix = systems[sys.platform]
-    if fmi_version == "3.0":
-        return f"{machine}-{system}", plant.name + suffix
-    # FMI 2.0 names platforms by system and word length; FMPy and others use the FMI 3.0 name where it has none.
-    bits = {"linux": "linux64", "darwin": "darwin64", "windows": "win64"}[system]
-    return bits if machine == "x86_64" or system == "darwin" else f"{machine}-{system}", plant.name + suffix
-
-
-def _digest(parts: Mapping[str, bytes]) -> str:
-    total = hashlib.sha256()
-    for name in sorted(parts):
-        total.update(f"{name}\0{len(parts[name])}\0".encode() + parts[name])
-    return total.hexdigest()
-
-
-def _zip(files: Mapping[str, bytes]) -> bytes:
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for name in sorted(files):
-            entry = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
-            entry.compress_type, entry.create_system, entry.external_attr = zipfile.ZIP_DEFLATED, 3, 0o644 << 16
-            archive.writestr(entry, files[name])
-    return buffer.getvalue()
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write all or nothing: several processes may build the same plant at once."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=path.name, delete=False) as file:
-        file.write(content)
-    try:
-        os.chmod(file.name, 0o644)
-        os.replace(file.name, path)
-    except OSError:
-        os.unlink(file.name)
-        raise
+    own[INTEGRATOR] = (SOURCES / INTEGRATOR).read_bytes()
+    return fmu_files(plant, own, (f"{plant.name}.c", INTEGRATOR), fmi_version, resources)

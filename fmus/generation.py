@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -29,7 +30,7 @@ def c_header(plant: PlantFile, token: str) -> str:
         ("output", "OUTPUT"),
     )
     lines = [
-        "/* Generated from plant.toml. */",
+        "/* Generated. */",
         "#ifndef VARIABLES_H",
         "#define VARIABLES_H",
         "",
@@ -37,7 +38,10 @@ def c_header(plant: PlantFile, token: str) -> str:
         f'#define PLANT_TOKEN "{token}"',
         f"#define PLANT_HAS_TANGENT {int(plant.tangent)}",
         f"#define PLANT_HAS_STEP_HOOK {int(plant.step_hook)}",
+        f"#define PLANT_HAS_EVENTS {int(plant.events)}",
+        f"#define PLANT_OUTPUTS_BEFORE {int(plant.outputs_before)}",
         f"#define PLANT_VARIABLES {len(plant.variables)}",
+        f"#define PLANT_INPUT_DERIVATIVES {plant.input_derivatives}",
     ]
     first = 1
     for kind, word in kinds:
@@ -46,17 +50,21 @@ def c_header(plant: PlantFile, token: str) -> str:
             lines.append(f"#define PLANT_{word}S {count}")
         lines.append(f"#define PLANT_FIRST_{word} {first}")
         first += count
-    lines += ["", "typedef union {", "    double value[PLANT_VARIABLES];", "    struct {"]
+    lines += ["", *([f'#include "{plant.memory}"', ""] if plant.memory else [])]
+    lines += ["typedef union {", "    double value[PLANT_VARIABLES];", "    struct {"]
     lines += [f"        double {v.field}; /* {v.unit} */" for v in plant.variables]
+    lines += ["        int before;"] * plant.events + ["        Memory memory;"] * bool(plant.memory)
     lines += ["    };", "} Plant;", ""]
     arrays = {
         "double PLANT_START[PLANT_VARIABLES]": [repr(v.start or 0.0) for v in plant.variables],
-        "double PLANT_NOMINAL[PLANT_STATES]": [repr(v.nominal or 1.0) for v in plant.of_kind("state")],
+        "double PLANT_NOMINAL[PLANT_STATES + !PLANT_STATES]": [repr(v.nominal or 1.0) for v in plant.of_kind("state")] or ["1.0"],
         "char PLANT_POSITIVE[PLANT_VARIABLES]": [str(int(v.positive)) for v in plant.variables],
+        "char PLANT_BOOLEAN[PLANT_VARIABLES]": [str(int(v.boolean)) for v in plant.variables],
         "char *const PLANT_NAMES[PLANT_VARIABLES]": [f'"{v.name}"' for v in plant.variables],
     }
     # Not every source file uses every table.
-    lines += [f"__attribute__((unused)) static const {name} = {{{', '.join(values)}}};" for name, values in arrays.items()]
+    lines += ["#ifdef __GNUC__", "#define UNUSED __attribute__((unused))", "#else", "#define UNUSED", "#endif", ""]
+    lines += [f"UNUSED static const {name} = {{{', '.join(values)}}};" for name, values in arrays.items()]
     return "\n".join([*lines, "", "#endif", ""])
 
 
@@ -64,14 +72,14 @@ def model_description_2(plant: PlantFile, token: str, sources: tuple[str, ...]) 
     """modelDescription.xml of FMI 2.0; `sources` are the C files to compile."""
     head = {"fmiVersion": "2.0", "modelName": plant.title, "guid": token, **_about(plant), "numberOfEventIndicators": "0"}
     root = Element("fmiModelDescription", head)
-    for interface in ("ModelExchange", "CoSimulation"):
+    for interface in plant.interfaces:
         flags = {"canNotUseMemoryManagementFunctions": "true", "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true"}
         flags["providesDirectionalDerivative"] = _flag(plant.tangent)
         if interface == "ModelExchange":
             flags["completedIntegratorStepNotNeeded"] = "true"
         else:
             flags["canHandleVariableCommunicationStepSize"] = _flag(plant.variable_step)
-            flags["canInterpolateInputs"] = "true"
+            flags["canInterpolateInputs"] = _flag(bool(plant.of_kind("input")))
         files = SubElement(SubElement(root, interface, {"modelIdentifier": plant.name, **flags}), "SourceFiles")
         for source in sources:
             SubElement(files, "File", name=source)
@@ -81,10 +89,10 @@ def model_description_2(plant: PlantFile, token: str, sources: tuple[str, ...]) 
         numbers = _numbers(v)
         if v.state is not None:
             numbers["derivative"] = str(v.state + 1)  # FMI 2.0 counts variables from 1; here reference = position
-        SubElement(SubElement(variables, "ScalarVariable", _attributes(v)), "Real", numbers)
+        SubElement(SubElement(variables, "ScalarVariable", _attributes(v)), "Boolean" if v.boolean else "Real", numbers)
     structure = SubElement(root, "ModelStructure")
     for group, members in _structure(plant):
-        parent = SubElement(structure, group + "s")
+        parent = SubElement(structure, group + "s") if members else structure
         for v in members:
             SubElement(parent, "Unknown", {"index": str(v.reference + 1), **_dependencies(v, group, offset=1)})
     return _document(root)
@@ -94,19 +102,21 @@ def model_description_3(plant: PlantFile, token: str) -> bytes:
     """modelDescription.xml of FMI 3.0."""
     head = {"fmiVersion": "3.0", "modelName": plant.title, "instantiationToken": token, **_about(plant)}
     root = Element("fmiModelDescription", head)
-    for interface in ("ModelExchange", "CoSimulation"):
+    for interface in plant.interfaces:
         flags = {"canGetAndSetFMUState": "true", "canSerializeFMUState": "true"}
         flags["providesDirectionalDerivatives"] = flags["providesAdjointDerivatives"] = _flag(plant.tangent)
         if interface == "CoSimulation":
             flags["canHandleVariableCommunicationStepSize"] = _flag(plant.variable_step)
             if not plant.variable_step:
                 flags["fixedInternalStepSize"] = repr(plant.step)
+            if plant.events:
+                flags["hasEventMode"] = "true"
         SubElement(root, interface, {"modelIdentifier": plant.name, **flags})
     _common(root, plant)
     variables = SubElement(root, "ModelVariables")
     for v in plant.variables:
         derivative = {} if v.state is None else {"derivative": str(v.state)}
-        SubElement(variables, "Float64", {**_attributes(v), **_numbers(v), **derivative})
+        SubElement(variables, "Boolean" if v.boolean else "Float64", {**_attributes(v), **_numbers(v), **derivative})
     structure = SubElement(root, "ModelStructure")
     for group, members in _structure(plant):
         element = "ContinuousStateDerivative" if group == "Derivative" else group
@@ -138,11 +148,18 @@ def _about(plant: PlantFile) -> dict[str, str]:
 def _common(root: Element, plant: PlantFile) -> None:
     units = SubElement(root, "UnitDefinitions")
     for name in sorted(plant.units):
-        SubElement(SubElement(units, "Unit", name=name), "BaseUnit", {k: f"{x:g}" for k, x in plant.units[name].items()})
+        unit = SubElement(units, "Unit", name=name)
+        if (exponents := plant.units[name]) is not None:
+            SubElement(unit, "BaseUnit", base_unit(exponents))
     categories = SubElement(root, "LogCategories")
     for category in LOG_CATEGORIES:
         SubElement(categories, "Category", name=category)
     SubElement(root, "DefaultExperiment", startTime="0", stopTime=repr(plant.stop), stepSize=repr(plant.step))
+
+
+def base_unit(numbers: Mapping[str, float]) -> dict[str, str]:
+    """Exponents of the SI base units, factor and offset, as XML has them: whole numbers without a point, others with every digit."""
+    return {key: str(int(x)) if x == int(x) else repr(float(x)) for key, x in numbers.items()}
 
 
 def _attributes(v: PlantVariable) -> dict[str, str]:
@@ -157,7 +174,9 @@ def _attributes(v: PlantVariable) -> dict[str, str]:
 
 
 def _numbers(v: PlantVariable) -> dict[str, str]:
-    numbers = {"unit": v.unit}
+    if v.boolean:
+        return {"start": _flag(bool(v.start))}
+    numbers = {"unit": v.unit} if v.unit else {}
     if v.positive:
         numbers["min"] = "0"
     if v.nominal is not None and v.nominal != 1.0:

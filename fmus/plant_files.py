@@ -45,6 +45,7 @@ class PlantVariable:
     start: float | None = None
     nominal: float | None = None
     positive: bool = False
+    boolean: bool = False
     is_output: bool = False
     state: int | None = None
     depends: tuple[int, ...] | None = None
@@ -57,7 +58,11 @@ class PlantVariable:
 
 @dataclass(frozen=True, slots=True)
 class PlantFile:
-    """A plant's description. `variables` stand in the order of their value references."""
+    """A plant's description. `variables` stand in the order of their value references.
+
+    `units` have exponents of the SI base units, or None where these are not known. `events`, `outputs_before` and `memory` (a header that
+    declares the type `Memory`) are for what jumps by itself and remembers more than its states: see `fmus.blocks`.
+    """
 
     name: str
     title: str
@@ -68,8 +73,13 @@ class PlantFile:
     variable_step: bool
     stop: float
     step: float
-    units: Mapping[str, Mapping[str, float]]
+    units: Mapping[str, Mapping[str, float] | None]
     variables: tuple[PlantVariable, ...]
+    interfaces: tuple[str, ...] = ("ModelExchange", "CoSimulation")
+    events: bool = False
+    outputs_before: bool = False
+    input_derivatives: int = 5
+    memory: str = ""
 
     def of_kind(self, kind: Kind) -> tuple[PlantVariable, ...]:
         """The variables of one kind, in order."""

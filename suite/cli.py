@@ -210,5 +210,38 @@ def fmus_build(names: tuple[str, ...], out: Path | None, as_json: bool) -> None:
         click.echo("\n".join(map(str, built)))
 
 
+@fmus.command("export")
+@click.argument("source", metavar="COMMAND_OR_SHAPER", type=click.Path(path_type=Path))
+@click.option("--fmi", type=click.Choice(["2", "3", "both"]), help="FMI version; default: both, with --ssp the plant's.")
+@click.option("--out", type=click.Path(path_type=Path), help="File (.fmu, .ssp) or folder; default: the current folder.")
+@click.option("--name", help="The model's name; default: the file's.")
+@click.option("--output", metavar="NAME", help="Its output; default: u of a command, shaped of a shaper.")
+@click.option("--unit", help="Unit of input and output; default: none, with --ssp the plant's.")
+@click.option("--rest", type=float, help="Where the input rests before; default: 0, with --ssp the start value of the plant's input.")
+@click.option("--linear", is_flag=True, help="A shaper reads its reference as a line over each step, not as held (its parameter `linear`).")
+@click.option("--history", type=int, help="How many changes of its reference a shaper remembers; default: 8192.")
+@click.option("--platform", "platforms", multiple=True, type=click.Choice(["linux64", "win64", "darwin64", "all"]),
+              help="What to compile for; default: all with ziglang, else this machine.")  # fmt: skip
+@click.option("--ssp", "plant", metavar="PLANT", help="Write an .ssp with this plant: an .fmu or one that is shipped here.")
+@click.option("--input", metavar="NAME", help="The plant's input, for --ssp; default: its only one.")
+@click.option("--force", is_flag=True, help="Replace files that exist.")
+@AS_JSON
+@_guarded
+def fmus_export(source: Path, as_json: bool, **options: Any) -> None:
+    """Write a command or shaper file as a co-simulation FMU with sources and libraries, to run it anywhere."""
+    from suite.taking_away import Wanted, take_away
+
+    if options["input"] and not options["plant"]:
+        raise click.UsageError("--input is an input of the plant: name that with --ssp")
+    done = take_away(source, Wanted(**{key: value for key, value in options.items() if value is not None}))
+    if as_json:
+        _print_json(done.to_dict())
+    else:
+        for path, made in done.files:
+            click.echo(f"{path}: FMI {made.fmi_version} for {', '.join(made.platforms)}")
+        if done.note:
+            click.echo(done.note, err=True)
+
+
 def _print_json(record: Mapping[str, Any]) -> None:
     click.echo(json.dumps(record, allow_nan=False))  # in ASCII, which holds paths of any bytes and passes through any terminal

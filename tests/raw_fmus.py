@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import ctypes
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,8 +18,11 @@ Interface = Literal["CoSimulation", "ModelExchange"]
 class RawFmu:
     """One instance, instantiated and not yet initialised. FMPy raises `FMICallException` for any status but OK and Warning."""
 
-    def __init__(self, path: Path, folder: Path, interface: Interface = "CoSimulation", token: str | None = None) -> None:
+    def __init__(
+        self, path: Path, folder: Path, interface: Interface = "CoSimulation", token: str | None = None, event_mode: bool = False
+    ) -> None:
         self.description: Any = read_model_description(str(path))
+        self.stepped = False
         self.is_fmi2 = self.description.fmiVersion == "2.0"
         self.references = {v.name: v.valueReference for v in self.description.modelVariables}
         kinds = (FMU2Slave, FMU2Model) if self.is_fmi2 else (FMU3Slave, FMU3Model)
@@ -28,7 +32,14 @@ class RawFmu:
             modelIdentifier=self.description.coSimulation.modelIdentifier,
             instanceName="instance",
         )
-        self.fmu.instantiate()
+        self.fmu.instantiate(**({"eventModeUsed": True, "earlyReturnAllowed": True} if event_mode else {}))
+
+    def another(self) -> RawFmu:
+        """A further instance of the library that is loaded already; the first one's user frees it."""
+        twin = copy.copy(self)
+        twin.fmu = copy.copy(self.fmu)
+        twin.fmu.instantiate()
+        return twin
 
     def __enter__(self) -> RawFmu:
         return self
@@ -56,6 +67,16 @@ class RawFmu:
 
     def step(self, time: float, step: float) -> Any:
         return self.fmu.doStep(currentCommunicationPoint=time, communicationStepSize=step)
+
+    def handle_event(self, values: Mapping[str, float] | None = None) -> float | None:
+        """Event mode, and from it into step mode (FMI 3.0 with `event_mode`; after `initialize` the instance is in it); the next event."""
+        if self.stepped:
+            self.fmu.enterEventMode()
+        self.set(values or {})
+        *_, defined, next_event = self.fmu.updateDiscreteStates()
+        self.fmu.enterStepMode()
+        self.stepped = True
+        return next_event if defined else None
 
     def set_input_derivatives(self, name: str, values: Sequence[float]) -> None:
         """First, second … derivative of one input (FMI 2.0 only)."""

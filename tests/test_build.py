@@ -18,8 +18,9 @@ import pytest
 from fault_plants import FAULTS, build_fault
 from fmpy.validation import validate_fmu
 
-from fmus import build as building
-from fmus.build import PLANTS, FmiVersion, build, build_folder, compiler, locate, shipped
+from fmus import compiling
+from fmus.build import PLANTS, build, build_folder, locate, shipped
+from fmus.compiling import FmiVersion, compiler
 from fmus.errors import BuildError
 
 VERSIONS: tuple[FmiVersion, ...] = ("2.0", "3.0")
@@ -88,7 +89,7 @@ def test_nothing_of_this_machine_is_in_the_archive(version: FmiVersion) -> None:
 
 def test_an_archive_is_built_once(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = build("two_mass")
-    monkeypatch.setattr(building, "compiler", no_compiler)
+    monkeypatch.setattr(compiling, "compiler", no_compiler)
     assert build("two_mass") == first == locate("two_mass") == locate("two_mass.fmi3")
     assert [path.suffix for path in cache.rglob("*") if path.is_file()] == [".fmu"], "no half-written file stays behind"
 

@@ -1,6 +1,8 @@
 /* FMI 2.0: co-simulation and model exchange of a plant. Translates the standard's calls into those of instance.h. */
 #include "instance.h"
 
+#include <math.h>
+
 #include "fmi2Functions.h"
 
 static fmi2Status translate(PlantStatus status) {
@@ -76,14 +78,33 @@ fmi2Status fmi2Terminate(fmi2Component c) {
 fmi2Status fmi2Reset(fmi2Component c) { return translate(reset(c)); }
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Real value[]) {
-    return translate(get_values(c, vr, nvr, value));
+    return translate(get_values(c, REAL, vr, nvr, value));
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Real value[]) {
-    return translate(set_values(c, vr, nvr, value));
+    return translate(set_values(c, REAL, vr, nvr, value));
 }
 
-/* All variables of a plant are reals; asking for none of another type is fine. */
+fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Boolean value[]) {
+    double number;
+    for (size_t i = 0; i < nvr; i++) {
+        if (get_values(c, BOOLEAN, &vr[i], 1, &number) != PLANT_OK)
+            return fmi2Error;
+        value[i] = number != 0.0;
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Boolean value[]) {
+    for (size_t i = 0; i < nvr; i++) {
+        const double number = value[i] != fmi2False;
+        if (set_values(c, BOOLEAN, &vr[i], 1, &number) != PLANT_OK)
+            return fmi2Error;
+    }
+    return fmi2OK;
+}
+
+/* There are no variables of other types; asking for none of them is fine. */
 #define NO_VARIABLES(function, type)                                                                      \
     fmi2Status function(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, type value[]) {       \
         (void)vr, (void)value;                                                                            \
@@ -91,10 +112,8 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nv
     }
 
 NO_VARIABLES(fmi2GetInteger, fmi2Integer)
-NO_VARIABLES(fmi2GetBoolean, fmi2Boolean)
 NO_VARIABLES(fmi2GetString, fmi2String)
 NO_VARIABLES(fmi2SetInteger, const fmi2Integer)
-NO_VARIABLES(fmi2SetBoolean, const fmi2Boolean)
 NO_VARIABLES(fmi2SetString, const fmi2String)
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *FMUstate) { return translate(save_state(c, FMUstate)); }
@@ -135,9 +154,9 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *eventInfo) {
     eventInfo->terminateSimulation = fmi2False;
     eventInfo->nominalsOfContinuousStatesChanged = fmi2False;
     eventInfo->valuesOfContinuousStatesChanged = fmi2False;
-    eventInfo->nextEventTimeDefined = fmi2False;
-    eventInfo->nextEventTime = 0.0;
-    return translate(require(c, "fmi2NewDiscreteStates", IN(EVENTS)));
+    const PlantStatus status = update_discrete(c, "fmi2NewDiscreteStates", &eventInfo->nextEventTime);
+    eventInfo->nextEventTimeDefined = isfinite(eventInfo->nextEventTime);
+    return translate(status);
 }
 
 fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {

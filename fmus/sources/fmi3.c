@@ -1,6 +1,8 @@
 /* FMI 3.0: co-simulation and model exchange of a plant. Translates the standard's calls into those of instance.h. */
 #include "instance.h"
 
+#include <math.h>
+
 #define FMI3_FUNCTION_PREFIX PLANT_PREFIX /* for importers that compile the sources; the shared library overrides it */
 #include "fmi3Functions.h"
 
@@ -60,10 +62,14 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
                                          fmi3Boolean earlyReturnAllowed, const fmi3ValueReference requiredIntermediateVariables[],
                                          size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment instanceEnvironment,
                                          fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate) {
-    (void)resourcePath, (void)visible, (void)earlyReturnAllowed, (void)requiredIntermediateVariables;
+    (void)resourcePath, (void)visible, (void)requiredIntermediateVariables;
     (void)nRequiredIntermediateVariables, (void)intermediateUpdate;
     Instance *c = instantiate(instanceName, instantiationToken, 0, loggingOn, instanceEnvironment, logMessage);
-    if (c && eventModeUsed) {
+    if (c) {
+        c->event_mode = eventModeUsed;
+        c->early_return = earlyReturnAllowed;
+    }
+    if (c && eventModeUsed && !PLANT_HAS_EVENTS) {
         report(c, PLANT_ERROR, "co-simulation of this model has no event mode (hasEventMode is false)");
         destroy(c);
         return NULL;
@@ -91,11 +97,20 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean toleranceDefi
 }
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
-    const Phase next = ((Instance *)c)->model_exchange ? EVENTS : STEPPING;
+    const Instance *instance = c;
+    const Phase next = instance->model_exchange || instance->event_mode ? EVENTS : STEPPING;
     return translate(enter(c, "fmi3ExitInitializationMode", IN(INITIALIZING), next));
 }
 
-fmi3Status fmi3EnterEventMode(fmi3Instance c) { return translate(enter(c, "fmi3EnterEventMode", IN(CONTINUOUS), EVENTS)); }
+fmi3Status fmi3EnterEventMode(fmi3Instance c) {
+    const unsigned from = ((Instance *)c)->event_mode ? IN(STEPPING) : IN(CONTINUOUS);
+    return translate(enter(c, "fmi3EnterEventMode", from, EVENTS));
+}
+
+fmi3Status fmi3EnterStepMode(fmi3Instance c) {
+    const unsigned from = ((Instance *)c)->event_mode ? IN(EVENTS) : 0;
+    return translate(enter(c, "fmi3EnterStepMode", from, STEPPING));
+}
 
 fmi3Status fmi3Terminate(fmi3Instance c) {
     return translate(enter(c, "fmi3Terminate", IN(EVENTS) | IN(CONTINUOUS) | IN(STEPPING), TERMINATED));
@@ -111,14 +126,37 @@ static PlantStatus check_sizes(const Instance *c, size_t references, size_t valu
 }
 
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3Float64 values[], size_t nValues) {
-    return check_sizes(c, nvr, nValues) == PLANT_OK ? translate(get_values(c, vr, nvr, values)) : fmi3Error;
+    return check_sizes(c, nvr, nValues) == PLANT_OK ? translate(get_values(c, REAL, vr, nvr, values)) : fmi3Error;
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Float64 values[], size_t nValues) {
-    return check_sizes(c, nvr, nValues) == PLANT_OK ? translate(set_values(c, vr, nvr, values)) : fmi3Error;
+    return check_sizes(c, nvr, nValues) == PLANT_OK ? translate(set_values(c, REAL, vr, nvr, values)) : fmi3Error;
 }
 
-/* All variables of a plant are Float64; asking for none of another type is fine. */
+fmi3Status fmi3GetBoolean(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3Boolean values[], size_t nValues) {
+    double number;
+    if (check_sizes(c, nvr, nValues) != PLANT_OK)
+        return fmi3Error;
+    for (size_t i = 0; i < nvr; i++) {
+        if (get_values(c, BOOLEAN, &vr[i], 1, &number) != PLANT_OK)
+            return fmi3Error;
+        values[i] = number != 0.0;
+    }
+    return fmi3OK;
+}
+
+fmi3Status fmi3SetBoolean(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Boolean values[], size_t nValues) {
+    if (check_sizes(c, nvr, nValues) != PLANT_OK)
+        return fmi3Error;
+    for (size_t i = 0; i < nvr; i++) {
+        const double number = values[i];
+        if (set_values(c, BOOLEAN, &vr[i], 1, &number) != PLANT_OK)
+            return fmi3Error;
+    }
+    return fmi3OK;
+}
+
+/* There are no variables of other types; asking for none of them is fine. */
 #define NO_SUCH_VARIABLES(function) (nvr ? translate(report(c, PLANT_ERROR, #function ": there are no such variables")) : fmi3OK)
 
 #define NO_VARIABLES(function, type)                                                                                \
@@ -136,7 +174,6 @@ NO_VARIABLES(fmi3GetInt32, fmi3Int32)
 NO_VARIABLES(fmi3GetUInt32, fmi3UInt32)
 NO_VARIABLES(fmi3GetInt64, fmi3Int64)
 NO_VARIABLES(fmi3GetUInt64, fmi3UInt64)
-NO_VARIABLES(fmi3GetBoolean, fmi3Boolean)
 NO_VARIABLES(fmi3GetString, fmi3String)
 NO_VARIABLES(fmi3SetFloat32, const fmi3Float32)
 NO_VARIABLES(fmi3SetInt8, const fmi3Int8)
@@ -147,7 +184,6 @@ NO_VARIABLES(fmi3SetInt32, const fmi3Int32)
 NO_VARIABLES(fmi3SetUInt32, const fmi3UInt32)
 NO_VARIABLES(fmi3SetInt64, const fmi3Int64)
 NO_VARIABLES(fmi3SetUInt64, const fmi3UInt64)
-NO_VARIABLES(fmi3SetBoolean, const fmi3Boolean)
 NO_VARIABLES(fmi3SetString, const fmi3String)
 
 fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, size_t sizes[], fmi3Binary values[], size_t nValues) {
@@ -167,7 +203,6 @@ fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference vr[], size_t n
         return NO_SUCH_VARIABLES(function);                                                            \
     }
 
-#define UNUSED __attribute__((unused))
 NO_CLOCKS(fmi3GetClock, UNUSED fmi3Clock values[])
 NO_CLOCKS(fmi3SetClock, UNUSED const fmi3Clock values[])
 NO_CLOCKS(fmi3GetIntervalDecimal, UNUSED fmi3Float64 intervals[], UNUSED fmi3IntervalQualifier qualifiers[])
@@ -234,7 +269,6 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unk
 
 UNSUPPORTED(fmi3EnterConfigurationMode)
 UNSUPPORTED(fmi3ExitConfigurationMode)
-UNSUPPORTED(fmi3EnterStepMode)
 
 fmi3Status fmi3ActivateModelPartition(fmi3Instance c, fmi3ValueReference clockReference, fmi3Float64 activationTime) {
     (void)clockReference, (void)activationTime;
@@ -249,9 +283,10 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *discreteStatesN
                                     fmi3Boolean *nominalsOfContinuousStatesChanged, fmi3Boolean *valuesOfContinuousStatesChanged,
                                     fmi3Boolean *nextEventTimeDefined, fmi3Float64 *nextEventTime) {
     *discreteStatesNeedUpdate = *terminateSimulation = fmi3False;
-    *nominalsOfContinuousStatesChanged = *valuesOfContinuousStatesChanged = *nextEventTimeDefined = fmi3False;
-    *nextEventTime = 0.0;
-    return translate(require(c, "fmi3UpdateDiscreteStates", IN(EVENTS)));
+    *nominalsOfContinuousStatesChanged = *valuesOfContinuousStatesChanged = fmi3False;
+    const PlantStatus status = update_discrete(c, "fmi3UpdateDiscreteStates", nextEventTime);
+    *nextEventTimeDefined = isfinite(*nextEventTime);
+    return translate(status);
 }
 
 /* Model exchange */
@@ -318,8 +353,10 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 currentCommunicationPoint, fmi
                       fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime) {
     (void)noSetFMUStatePriorToCurrentPoint;
     const PlantStatus status = do_step(c, currentCommunicationPoint, communicationStepSize);
-    *eventHandlingNeeded = *earlyReturn = fmi3False;
+    const State *s = &((Instance *)c)->state;
     *terminateSimulation = status == PLANT_TERMINATE;
-    *lastSuccessfulTime = ((Instance *)c)->state.plant.time;
+    *eventHandlingNeeded = status == PLANT_OK && s->event;
+    *earlyReturn = *eventHandlingNeeded && s->plant.time < currentCommunicationPoint + communicationStepSize;
+    *lastSuccessfulTime = s->plant.time;
     return translate(status);
 }

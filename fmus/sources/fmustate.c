@@ -1,15 +1,12 @@
 /* Copies of an instance's state: in memory, and as bytes that another instance of the same binary can read. */
 #include "instance.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* The token is the hash of the sources, so bytes of another model or another build of it are told apart. */
-typedef struct {
-    char token[sizeof PLANT_TOKEN];
-    State state;
-} Record;
+/* As bytes: the token, then the state. The token is the hash of the sources, so bytes of another model or build are told apart. */
+#define TOKEN_SIZE sizeof PLANT_TOKEN
+#define RECORD_SIZE (TOKEN_SIZE + sizeof(State))
 
 PlantStatus save_state(const Instance *c, void **state) {
     if (!*state)
@@ -34,30 +31,29 @@ void free_state(void **state) {
     }
 }
 
-size_t serialized_size(void) { return sizeof(Record); }
+size_t serialized_size(void) { return RECORD_SIZE; }
 
 PlantStatus serialize(const Instance *c, const void *state, unsigned char bytes[], size_t size) {
-    if (!state || size < sizeof(Record))
-        return report(c, PLANT_ERROR, "a state needs %zu bytes, not %zu", sizeof(Record), size);
-    Record record = {.token = PLANT_TOKEN};
-    memcpy(&record.state, state, sizeof(State));
-    memcpy(bytes, &record, sizeof(Record));
+    if (!state || size < RECORD_SIZE)
+        return report(c, PLANT_ERROR, "a state needs %zu bytes, not %zu", RECORD_SIZE, size);
+    memcpy(bytes, PLANT_TOKEN, TOKEN_SIZE);
+    memcpy(bytes + TOKEN_SIZE, state, sizeof(State));
     return PLANT_OK;
 }
 
 PlantStatus deserialize(const Instance *c, const unsigned char bytes[], size_t size, void **state) {
-    Record record;
-    if (size < sizeof(Record))
-        return report(c, PLANT_ERROR, "a state has %zu bytes, not %zu", sizeof(Record), size);
-    memcpy(&record, bytes, sizeof(Record));
-    if (memcmp(record.token, PLANT_TOKEN, sizeof record.token) != 0)
+    Phase phase;
+    if (size < RECORD_SIZE)
+        return report(c, PLANT_ERROR, "a state has %zu bytes, not %zu", RECORD_SIZE, size);
+    if (memcmp(bytes, PLANT_TOKEN, TOKEN_SIZE) != 0)
         return report(c, PLANT_ERROR, "these bytes are no state of this model");
-    if ((unsigned)record.state.phase > TERMINATED)
+    memcpy(&phase, bytes + TOKEN_SIZE + offsetof(State, phase), sizeof phase);
+    if ((unsigned)phase > TERMINATED)
         return report(c, PLANT_ERROR, "these bytes are no valid state");
     if (!*state)
         *state = malloc(sizeof(State));
     if (!*state)
         return report(c, PLANT_ERROR, "no memory for a copy of the state");
-    memcpy(*state, &record.state, sizeof(State));
+    memcpy(*state, bytes + TOKEN_SIZE, sizeof(State));
     return PLANT_OK;
 }

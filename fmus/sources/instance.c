@@ -80,6 +80,9 @@ PlantStatus set_experiment(Instance *c, double start, int stop_defined, double s
     c->state.plant.time = start;
     c->state.stop_defined = stop_defined;
     c->state.stop = stop;
+#if PLANT_HAS_EVENTS
+    c->state.plant.before = PLANT_OUTPUTS_BEFORE;
+#endif
     c->state.outdated = 1;
     return PLANT_OK;
 }
@@ -92,20 +95,28 @@ static void update(Instance *c) {
     c->state.outdated = 0;
 }
 
-PlantStatus get_values(Instance *c, const unsigned references[], size_t count, double values[]) {
+static PlantStatus check_reference(const Instance *c, Type type, unsigned r) {
+    if (r >= PLANT_VARIABLES)
+        return report(c, PLANT_ERROR, "there is no variable with value reference %u", r);
+    if ((type == BOOLEAN) != PLANT_BOOLEAN[r])
+        return report(c, PLANT_ERROR, "%s is %s", PLANT_NAMES[r], PLANT_BOOLEAN[r] ? "a Boolean" : "no Boolean");
+    return PLANT_OK;
+}
+
+PlantStatus get_values(Instance *c, Type type, const unsigned references[], size_t count, double values[]) {
     for (size_t i = 0; i < count; i++)
-        if (references[i] >= PLANT_VARIABLES)
-            return report(c, PLANT_ERROR, "there is no variable with value reference %u", references[i]);
+        if (check_reference(c, type, references[i]) != PLANT_OK)
+            return PLANT_ERROR;
     update(c);
     for (size_t i = 0; i < count; i++)
         values[i] = c->state.plant.value[references[i]];
     return PLANT_OK;
 }
 
-static PlantStatus check_value(const Instance *c, unsigned r, double value) {
+static PlantStatus check_value(const Instance *c, Type type, unsigned r, double value) {
     const unsigned initial = IN(CREATED) | IN(INITIALIZING);
-    if (r >= PLANT_VARIABLES)
-        return report(c, PLANT_ERROR, "there is no variable with value reference %u", r);
+    if (check_reference(c, type, r) != PLANT_OK)
+        return PLANT_ERROR;
     if (!is_parameter(r) && !is_input(r) && !is_state(r))
         return report(c, PLANT_ERROR, "%s is calculated and cannot be set", PLANT_NAMES[r]);
     if (!is_input(r) && !(IN(c->state.phase) & initial))
@@ -119,15 +130,20 @@ static PlantStatus check_value(const Instance *c, unsigned r, double value) {
     return PLANT_OK;
 }
 
-PlantStatus set_values(Instance *c, const unsigned references[], size_t count, const double values[]) {
+PlantStatus set_values(Instance *c, Type type, const unsigned references[], size_t count, const double values[]) {
     /* All or nothing: a refused call leaves no half of itself behind. */
     for (size_t i = 0; i < count; i++) {
-        PlantStatus status = check_value(c, references[i], values[i]);
+        PlantStatus status = check_value(c, type, references[i], values[i]);
         if (status != PLANT_OK)
             return status;
     }
-    for (size_t i = 0; i < count; i++)
+    for (size_t i = 0; i < count; i++) {
         c->state.plant.value[references[i]] = values[i];
+#if PLANT_HAS_EVENTS
+        if (is_input(references[i]) && c->state.phase == STEPPING)
+            c->state.plant.before = 0; /* the input at this very instant is known now */
+#endif
+    }
     c->state.outdated = 1;
     return PLANT_OK;
 }
@@ -135,9 +151,9 @@ PlantStatus set_values(Instance *c, const unsigned references[], size_t count, c
 PlantStatus set_input_derivative(Instance *c, unsigned reference, int order, double value) {
     if (!is_input(reference))
         return report(c, PLANT_ERROR, "value reference %u is no input, so it takes no derivatives", reference);
-    if (order < 1 || order > HIGHEST_INPUT_DERIVATIVE)
+    if (order < 1 || order > PLANT_INPUT_DERIVATIVES)
         return report(c, PLANT_ERROR, "derivatives of %s are supported from order 1 to %d, not %d", PLANT_NAMES[reference],
-                      HIGHEST_INPUT_DERIVATIVE, order);
+                      PLANT_INPUT_DERIVATIVES, order);
     if (!isfinite(value))
         return report(c, PLANT_ERROR, "a derivative of %s must be finite, not %g", PLANT_NAMES[reference], value);
     c->state.input_derivatives.order[order - 1][reference - PLANT_FIRST_INPUT] = value;
@@ -257,7 +273,16 @@ PlantStatus do_step(Instance *c, double time, double step) {
     if (s->stop_defined && time + step > s->stop + 1e-9 * fmax(step, fabs(s->stop)))
         return report(c, PLANT_ERROR, "a step to %.17g s leads beyond the stop time of %.17g s", time + step, s->stop);
     s->plant.time = time;
+    s->event = 0;
     status = PLANT_OK;
+#if PLANT_HAS_EVENTS
+    if (c->event_mode) {
+        const double next = plant_next_event(&s->plant);
+        s->event = next <= time + step * (1.0 + 1e-12);
+        if (s->event && c->early_return && next < time + step)
+            step = next - time;
+    }
+#endif
 #if PLANT_HAS_STEP_HOOK
     const char *message = "";
     status = plant_before_step(&s->plant, step, &message);
@@ -269,7 +294,22 @@ PlantStatus do_step(Instance *c, double time, double step) {
     if (integrate(&s->plant, &s->input_derivatives, step) != 0)
         return report(c, PLANT_ERROR, "no finite solution was found from %.17g s to %.17g s", time, time + step);
     memset(&s->input_derivatives, 0, sizeof s->input_derivatives); /* they were given for this step */
+#if PLANT_HAS_EVENTS
+    s->plant.before = PLANT_OUTPUTS_BEFORE || s->event;
+#endif
     s->outdated = 1;
     s->terminate = status == PLANT_TERMINATE;
     return status;
+}
+
+PlantStatus update_discrete(Instance *c, const char *call, double *next) {
+    *next = INFINITY;
+    if (require(c, call, IN(EVENTS)) != PLANT_OK)
+        return PLANT_ERROR;
+#if PLANT_HAS_EVENTS
+    c->state.plant.before = 0;
+    c->state.outdated = 1;
+    *next = plant_next_event(&c->state.plant);
+#endif
+    return PLANT_OK;
 }

@@ -14,6 +14,7 @@ typedef struct {
     int outdated; /* derivatives and outputs do not belong to the values beside them */
     int stop_defined;
     int terminate; /* the plant asks for the end of the simulation */
+    int event;     /* the last step ended where something happens that event mode is for */
     double stop;
     InputDerivatives input_derivatives;
     Plant plant;
@@ -25,6 +26,8 @@ typedef void Logger(const Instance *instance, PlantStatus status, const char *me
 struct Instance {
     State state;
     int model_exchange;
+    int event_mode;   /* co-simulation with event mode */
+    int early_return; /* a step may end at an event */
     int logging;
     char *name;
     void *environment; /* of the importer; only passed back */
@@ -46,8 +49,10 @@ PlantStatus enter(Instance *c, const char *call, unsigned from, Phase to);
 #define IN(phase) (1u << (phase))
 #define IN_ANY 0x1fu /* all but TERMINATED */
 
-PlantStatus get_values(Instance *c, const unsigned references[], size_t count, double values[]);
-PlantStatus set_values(Instance *c, const unsigned references[], size_t count, const double values[]);
+typedef enum { REAL, BOOLEAN } Type; /* of the variables that a call is for; Booleans are 0.0 and 1.0 here */
+
+PlantStatus get_values(Instance *c, Type type, const unsigned references[], size_t count, double values[]);
+PlantStatus set_values(Instance *c, Type type, const unsigned references[], size_t count, const double values[]);
 PlantStatus set_input_derivative(Instance *c, unsigned reference, int order, double value);
 PlantStatus set_time(Instance *c, double time);
 PlantStatus get_states(Instance *c, double values[], size_t count);
@@ -61,6 +66,9 @@ PlantStatus adjoint(Instance *c, const unsigned unknowns[], size_t n_unknowns, c
 
 /* May also return PLANT_WARNING, PLANT_DISCARD, PLANT_FATAL or PLANT_TERMINATE (the step was done; the plant wants no other). */
 PlantStatus do_step(Instance *c, double time, double step);
+
+/* What happens at this instant has happened; `next` is when the next event is due, INFINITY if none is known. */
+PlantStatus update_discrete(Instance *c, const char *call, double *next);
 
 PlantStatus save_state(const Instance *c, void **state);
 PlantStatus restore_state(Instance *c, const void *state);

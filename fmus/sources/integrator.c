@@ -24,10 +24,10 @@ typedef struct {
     double time; /* at the beginning of the communication step */
 } Problem;
 
-void inputs_at(Plant *p, const double start[PLANT_INPUTS], const InputDerivatives *derivatives, double since) {
+void inputs_at(Plant *p, const double start[], const InputDerivatives *derivatives, double since) {
     for (int i = 0; i < PLANT_INPUTS; i++) {
         double sum = 0.0;
-        for (int order = HIGHEST_INPUT_DERIVATIVE; order >= 1; order--)
+        for (int order = PLANT_INPUT_DERIVATIVES; order >= 1; order--)
             sum = (sum + derivatives->order[order - 1][i]) * since / order;
         p->value[PLANT_FIRST_INPUT + i] = start[i] + sum;
     }

@@ -4,15 +4,13 @@
 
 #include "plant.h"
 
-/* An input over a step is u + u' s + u'' s²/2 + … up to this order, s the time since the step began. */
-#define HIGHEST_INPUT_DERIVATIVE 5
-
+/* An input over a step is u + u' s + u'' s²/2 + … up to the given order, s the time since the step began. */
 typedef struct {
-    double order[HIGHEST_INPUT_DERIVATIVE][PLANT_INPUTS]; /* order[0] is the first derivative */
+    double order[PLANT_INPUT_DERIVATIVES][PLANT_INPUTS + !PLANT_INPUTS]; /* order[0] is the first derivative; C has no empty arrays */
 } InputDerivatives;
 
 /* The inputs at `since` seconds after the step began; `start` holds their values at its beginning. */
-void inputs_at(Plant *p, const double start[PLANT_INPUTS], const InputDerivatives *derivatives, double since);
+void inputs_at(Plant *p, const double start[], const InputDerivatives *derivatives, double since);
 
 /* Move time, inputs and states of `p` on by `step` > 0 seconds. Returns 0, or 1 when no finite, converged solution was found
  * (`p` is then unchanged). */

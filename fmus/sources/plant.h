@@ -10,6 +10,12 @@
 
 typedef enum { PLANT_OK, PLANT_WARNING, PLANT_DISCARD, PLANT_ERROR, PLANT_FATAL, PLANT_TERMINATE } PlantStatus;
 
+#if PLANT_HAS_EVENTS
+/* The first instant later than `p->time` (by more than rounding) at which an output jumps by itself; INFINITY if there is none.
+ * While `p->before` is 1 the outputs are those just before what happens at `p->time`. */
+double plant_next_event(const Plant *p);
+#endif
+
 /* Fill in the derivatives of the states from time, parameters, inputs and states. */
 void plant_derivatives(Plant *p);
 
