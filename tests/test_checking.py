@@ -177,7 +177,7 @@ MALFORMED: dict[str, Callable[[dict[str, Any]], Any]] = {
     "the plant has no mode[2]": lambda data: data["task"]["plants"][0].update(zeros={"mode[2]": 1}),
     "zeros names mode[i] and real[i]": lambda data: data["task"]["plants"][0].update(zeros={"mode[01]": 1}),
     "names mode[i]": lambda data: data["task"]["plants"][0].update(zeros={"mode[1]\nPROVED": 1}),
-    "zeros counts from 0": lambda data: data["task"]["plants"][0].update(zeros={"mode[1]": True}),
+    "zeros is a whole number from 0 on, not True": lambda data: data["task"]["plants"][0].update(zeros={"mode[1]": True}),
     "counts from 0 to 20": lambda data: data["task"]["plants"][0].update(zeros={"mode[1]": 21}),
     "claim has sides": lambda data: data.update(claim={"lower": None, "upper": None, "impossible": None}),
     "or says that the task is impossible": lambda data: data["claim"].update(impossible="face"),
@@ -206,10 +206,10 @@ MALFORMED: dict[str, Callable[[dict[str, Any]], Any]] = {
     "names no unknown: ['level', 1, 1]": lambda data: data["upper"].update(free=[["level", 1, 1]]),
     "names no unknown: ['time', 1, 0]": lambda data: data["upper"].update(free=[["time", 1, 0]]),
     "names no unknown: ['re', 0, 0]": lambda data: data["upper"].update(free=[["re", 0, 0]]),
-    "names no unknown: ['tail', 0, 0]": lambda data: data["upper"].update(free=[["tail", 0, 0]]),
-    "holds names of unknowns": lambda data: data["upper"].update(free=[["level", -1, 0]]),
-    "names of unknowns, not ['time', False, 0]": lambda data: data["upper"].update(free=[["time", False, 0]]),
-    "names of unknowns, not 'time'": lambda data: data["upper"].update(free=["time"]),
+    "free[0][0] is one of im, level, re, start, time": lambda data: data["upper"].update(free=[["tail", 0, 0]]),
+    "free[0][1] is a whole number from 0 on, not -1": lambda data: data["upper"].update(free=[["level", -1, 0]]),
+    "free[0][1] is a whole number from 0 on, not False": lambda data: data["upper"].update(free=[["time", False, 0]]),
+    "free[0] is an array of 3 items": lambda data: data["upper"].update(free=["time"]),
 }
 
 
@@ -230,7 +230,7 @@ def test_malformed_certificates_say_what_is_wrong(sentence: str) -> None:
         (lambda data: data["task"]["plants"][0].update(denominator=["1", "1", "0"]), "no common factor"),
         (lambda data: data["upper"]["tail"].append(data["upper"]["tail"][0]), "named twice"),
         (lambda data: data["upper"]["tail"][0]["coefficients"].append(["0", "0"]), "other coefficients"),
-        (lambda data: data["upper"].update(free=[["im", 0, 0], ["time", 0, 0]]), "no imaginary part"),
+        (lambda data: data["upper"].update(free=[["im", 0, 0], ["time", 0, 0]]), "names no unknown: ['im', 0, 0]"),
         (lambda data: data["upper"].update(free=[["re", 0, 1], ["time", 0, 0]]), "names no unknown: ['re', 0, 1]"),
         (lambda data: data["upper"].update(maneuver_time="0", segments=[], free=[["time", 0, 0]]), "names no unknown: ['time', 0, 0]"),
     ],

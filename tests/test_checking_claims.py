@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from decimal import Decimal
 from fractions import Fraction
-from pathlib import Path
 
 import flint
 import pytest
 from flint import fmpq
 from forgery import certificate, changed, command, costate, opened, proven, proven_tail, task
 
-from relaxations.checking.claims import Outcome, check, check_file, claim, rounded
+from relaxations.checking.claims import check, claim, rounded
 from relaxations.checking.reading import read
 
 INTEGRATOR = task(["1"], ["1", "0"])
@@ -86,13 +85,6 @@ def test_claims_word_for_word() -> None:
         "  From 3 s after T on, the input stays within 0.1 of the nearer limit's distance from its final rest value.",
         "Claim: no measurable command within the limits does this in less than 0 s.",
     ]
-
-
-def test_a_files_bytes_are_checked(tmp_path: Path) -> None:
-    (tmp_path / "certificate.json").write_bytes(proven("rigid_body"))
-    assert check_file(tmp_path / "certificate.json").outcome is Outcome.PROVED
-    with pytest.raises(FileNotFoundError):
-        check_file(tmp_path / "other.json")
 
 
 @pytest.mark.parametrize("value", [Fraction(1, 3), Fraction(2, 3), Fraction(10**40, 7), Fraction(1, 7 * 10**30), Fraction(0), Fraction(12)])

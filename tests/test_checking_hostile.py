@@ -13,8 +13,9 @@ from flint import acb, arb
 from forgery import certificate, changed, command, costate, proven, proven_tail, task
 
 from relaxations.checking import balls
-from relaxations.checking.balls import Inconclusive, Root
+from relaxations.checking.balls import Root
 from relaxations.checking.claims import Outcome, check
+from relaxations.checking.reading import Undecided
 
 INTEGRATOR = task(["1"], ["1", "0"])
 ONE = costate((("0", "0"), [("1", "0")]))
@@ -94,7 +95,7 @@ def test_a_hostile_certificate_costs_some_seconds_at_most(name: str) -> None:
 def test_work_is_counted_not_timed() -> None:
     balls.work["left"] = 10.0
     Root(acb(-1), 1).impulse(arb(1))
-    with pytest.raises(Inconclusive, match="more work"):
+    with pytest.raises(Undecided, match="more work"):
         Root(acb(-1), 1).impulse(arb(1))
 
 
@@ -110,8 +111,8 @@ def test_the_checker_stands_alone(tmp_path: Path) -> None:
     script = """
 import sys
 from pathlib import Path
-from relaxations.checking.claims import check_file, claim
-found = check_file(Path(sys.argv[1]))
+from relaxations.checking.claims import check, claim
+found = check(Path(sys.argv[1]).read_bytes())
 print(found.outcome.value, claim(found.certificate) != "")
 loaded = {name.split(".")[0] for name in sys.modules}
 print(sorted(loaded & {"numpy", "scipy", "cvxpy", "clarabel", "rfc8785", "pydantic", "matplotlib", "fmpy"}))

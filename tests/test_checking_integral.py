@@ -9,8 +9,9 @@ import pytest
 from flint import acb, arb, fmpq
 
 from relaxations.checking import balls
-from relaxations.checking.balls import Root, Undecided, Wave
+from relaxations.checking.balls import Root, Wave
 from relaxations.checking.lower import support
+from relaxations.checking.reading import Undecided
 
 HORIZON = 3
 

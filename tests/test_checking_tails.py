@@ -12,9 +12,9 @@ from flint import acb, arb, fmpq
 from forgery import certificate, changed, command, number, opened, proven, proven_tail, system, task, written
 
 from relaxations.checking import balls, upper
-from relaxations.checking.balls import Refuted, Root, Undecided, Wave
+from relaxations.checking.balls import Root, Wave
 from relaxations.checking.claims import Outcome, check
-from relaxations.checking.reading import read
+from relaxations.checking.reading import Refuted, Undecided, read
 
 
 @pytest.fixture(autouse=True)
@@ -150,7 +150,9 @@ def test_settling_is_about_the_tail_itself_and_its_room() -> None:
         slow = wave(1, rate=fmpq(-1, 10))
         assert not upper.settled(slow, arb(1), fmpq(1, 2), fmpq(1, 2))  # 0.9
         assert upper.settled(slow, arb(7), fmpq(1, 2), fmpq(1, 2))  # 0.497
-        assert not upper.settled(slow, arb(7), fmpq(1, 2), fmpq(1, 3))
+        assert upper.settled(slow, arb(7), fmpq(1, 2), fmpq(1, 3))  # it is above its rest: the room below does not count
+        assert not upper.settled(slow, arb(7), fmpq(1, 3), fmpq(1, 2))
+        assert not upper.settled(wave(-1, rate=fmpq(-1, 10)), arb(7), fmpq(1, 2), fmpq(1, 3))
         assert not upper.settled(wave(fmpq(1, 2)), arb(9), fmpq(0), fmpq(3))  # above its rest, and no room there
         assert upper.settled(wave(fmpq(-1, 2)), arb(9), fmpq(0), fmpq(3))
         assert not upper.settled(wave(fmpq(-1, 2)), arb(9), fmpq(0), fmpq(1, 10**6))

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from itertools import combinations
 from math import comb
 from typing import Any
 
 import flint
-from flint import acb, acb_mat, acb_poly, arb, arb_mat, fmpq, fmpq_poly, fmpz
+from flint import acb, acb_mat, acb_poly, arb, arb_mat, fmpq, fmpq_poly
 
-from relaxations.checking.reading import require
+from relaxations.checking.reading import Undecided, require
 
 ORDER = 8  # of Taylor's formula
 ISOLATION = 200_000  # bits times degree: roots that these do not tell apart make a check inconclusive, for it would cost too much
@@ -24,23 +24,11 @@ LARGEST_POLYNOMIAL = 2_000_000  # bits of a coefficient times degree
 work = {"left": 0.0}  # in units of about a microsecond, counted, so that a check ends on every machine at the same place
 
 
-class Inconclusive(Exception):
-    """Neither proved nor refuted, at any precision."""
-
-
-class Undecided(Inconclusive):
-    """Ball arithmetic cannot decide at this precision."""
-
-
-class Refuted(Exception):
-    """An inequality that the claim rests on is proven false for the given witness."""
-
-
 def spend(units: float) -> None:
-    """Count work; raises `Inconclusive` when all is spent."""
+    """Count work; raises `Undecided` when all is spent."""
     work["left"] -= units * (1 + flint.ctx.prec / 512)
     if work["left"] < 0:
-        raise Inconclusive("more work than a check may cost")
+        raise Undecided("more work than a check may cost")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +61,16 @@ class Root:
             values[k] = below = b * s / (k + 1) if self.value.is_zero() else (b - below) / self.value
         return values
 
+    def before(self, zero: Root, power: int, unit: acb) -> list[acb]:
+        """The moments for an input `Re unit r^l/l! e^{zr}` after the move: (-1)^l C(k+l, l) / (z - p)^{k+l+1}, half each for z and z*."""
+        one, other = 1 / (zero.value - self.value), 1 / (zero.value.conjugate() - self.value)
+        degrees = range(power + 1, power + 1 + self.multiplicity)
+        return [(-1) ** power * comb(n - 1, power) * (unit * one**n + unit.conjugate() * other**n) / 2 for n in degrees]
 
-def flat(roots: Sequence[Root], entries: Callable[[Root], Sequence[acb]]) -> arb_mat:
-    """Complex numbers for every root and k < multiplicity as a column of real ones: (Re, -Im), at a real root Re alone."""
-    parts = [part for root in roots for entry in entries(root) for part in (entry.real, -entry.imag)[: 1 + root.flexible]]
+
+def flat(roots: Sequence[Root], entries: Callable[..., Sequence[acb]], *of: Any) -> arb_mat:
+    """Complex `entries(root, *of)` for every root and k < multiplicity as a column of real ones: (Re, -Im), at a real root Re alone."""
+    parts = [part for root in roots for entry in entries(root, *of) for part in (entry.real, -entry.imag)[: 1 + root.flexible]]
     return arb_mat(len(parts), 1, parts)
 
 
@@ -95,29 +89,23 @@ def placed(roots: Sequence[Root], chains: Sequence[Any]) -> tuple[list[fmpq], li
     return numbers, found
 
 
-@lru_cache(maxsize=32)
-def _isolated(coefficients: tuple[fmpz, ...], bits: int) -> tuple[acb, ...]:
-    """The roots with Im ≥ 0 of a square-free polynomial (lowest power first) to a relative 2^-bits; real ones without imaginary part."""
-    try:
-        accuracy = arb(2) ** -bits / acb_poly(list(coefficients[::-1])).root_bound()
-        balls = acb_poly(list(coefficients)).roots(tol=accuracy, maxprec=min(ISOLATION // len(coefficients), 4096))
-    except ValueError:
-        raise Inconclusive("roots of the plant are too close to be told apart") from None
-    # A root whose ball meets the real axis is real if the mirrored ball, which holds the mirrored root, meets no other one.
-    if any(ball.imag.contains(0) and sum(ball.conjugate().overlaps(other) for other in balls) > 1 for ball in balls):
-        raise Undecided("a root is not told from its conjugate at this precision")
-    return tuple(acb(ball.real) if ball.imag.contains(0) else ball for ball in balls if not ball.imag < 0)
-
-
 def isolated(polynomial: fmpq_poly) -> tuple[Root, ...]:
-    """All distinct roots with Im ≥ 0 and their exact multiplicities: square-free factorisation, then certified isolation."""
+    """All distinct roots with Im ≥ 0, to as many bits as the precision, and their exact multiplicities (square-free factorisation)."""
     whole = polynomial.numer()
     rigid = next(k for k, c in enumerate(whole.coeffs()) if c != 0)
     found = [Root(acb(0), rigid)] if rigid else []
     for factor, multiplicity in whole.right_shift(rigid).factor_squarefree()[1]:
-        found += [Root(value, multiplicity) for value in _isolated(tuple(factor.coeffs()), flint.ctx.prec)]
-    if sum(root.size for root in found) != polynomial.degree():
-        raise Undecided("not every root was isolated")
+        accuracy = arb(2) ** -flint.ctx.prec / acb_poly(factor.coeffs()[::-1]).root_bound()
+        try:
+            balls = acb_poly(factor).roots(tol=accuracy, maxprec=min(ISOLATION // len(factor), 4096))
+        except ValueError:
+            raise Undecided("roots of the plant are too close to be told apart") from None
+        for ball in balls:
+            real = ball.imag.contains(0)  # and the root too, if the mirrored ball, which holds the mirrored root, meets no other one
+            if real and sum(ball.conjugate().overlaps(other) for other in balls) > 1:
+                raise Undecided("a root is not told from its conjugate at this precision")
+            if not ball.imag < 0:
+                found.append(Root(acb(ball.real) if real else ball, multiplicity))
     return tuple(found)
 
 
@@ -133,40 +121,30 @@ def stable(numerator: fmpq_poly) -> tuple[Root, ...]:
 
 def further(roots: Sequence[Root], counts: dict[str, int]) -> tuple[Root, ...]:
     """The roots with further zeros: mode[i] (flexible) and real[i] by ascending magnitude, which must be clear where counts differ."""
-    result, left = list(roots), dict(counts)
+    result, left, sizes = list(roots), dict(counts), [abs(root.value) for root in roots]
     for kind, flexible in (("mode", True), ("real", False)):
-        sizes = {i: abs(root.value) for i, root in enumerate(roots) if root.flexible is flexible and not root.value.is_zero()}
-        given = [left.pop(f"{kind}[{place}]", 0) for place in range(1, len(sizes) + 1)]
-        for i, size in sizes.items():
-            smaller, larger = sum(other < size for other in sizes.values()), sum(other > size for other in sizes.values())
-            if len({*given[smaller : len(sizes) - larger]}) > 1:
-                raise Undecided("two modes have the same frequency: their order is not defined")
-            result[i] = Root(roots[i].value, roots[i].multiplicity + given[smaller])
+        group = [i for i, root in enumerate(roots) if root.flexible is flexible and not root.value.is_zero()]
+        ordered = [(i, left.pop(f"{kind}[{place}]", 0)) for place, i in enumerate(sorted(group, key=lambda i: sizes[i].mid()), 1)]
+        if any(n != more and not sizes[i] < sizes[j] for (i, n), (j, more) in combinations(ordered, 2)):
+            raise Undecided("two modes have the same frequency: their order is not defined")
+        for i, n in ordered:
+            result[i] = Root(roots[i].value, roots[i].multiplicity + n)
     require(not left, f"the plant has no {', '.join(left)}")
     return tuple(result)
 
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """A task in balls; inputs are deviations from the initial rest, exact. `rigid` is the multiplicity of the pole at the origin."""
+    """A task in balls; inputs are deviations from the initial rest, exact."""
 
     task: Any
     roots: tuple[Root, ...]
     zeros: tuple[Root, ...]
-    rigid: int
     rest: fmpq
     lower: fmpq
     upper: fmpq
     target: arb_mat
     columns: arb_mat
-
-    def impulses(self, s: arb | fmpq) -> arb_mat:
-        """The moments of a unit impulse, s before the end."""
-        return flat(self.roots, lambda root: root.impulse(arb(s)))
-
-    def steps(self, s: arb | fmpq) -> arb_mat:
-        """The moments of a unit step, s before the end."""
-        return flat(self.roots, lambda root: root.step(arb(s)))
 
     def room(self, time: fmpq) -> tuple[fmpq, fmpq]:
         """How far above and below the final rest input the tail may be, `time` seconds after the move."""
@@ -182,31 +160,23 @@ def system(task: Any) -> System:
     longest = max(numerator.numer().height_bits(), denominator.numer().height_bits()) * denominator.degree()
     require(longest <= LARGEST_POLYNOMIAL, "the plant's numbers are too long")
     require(not output or numerator.gcd(denominator).degree() == 0, "under output rest numerator and denominator have no common factor")
-    found, zeros = isolated(denominator), stable(numerator) if output else ()
-    rigid = next((root.multiplicity for root in found if root.value.is_zero()), 0)
+    roots, zeros = further(isolated(denominator), plant.zeros), stable(numerator) if output else ()
+    rigid = next(k for k, c in enumerate(denominator.coeffs()) if c != 0)
     ratio = task.displacement * denominator[rigid] / numerator[0]
     rest = fmpq(0) if rigid else ratio
     lower, upper = (limit - task.initial_input for limit in task.limits.input)
     require(lower <= min(0, rest) and max(0, rest) <= upper, "the limits exclude the input at a rest")
-    roots = further(found, plant.zeros)
-    spend(10 * sum(zero.size for zero in zeros) * sum(root.size for root in roots))
 
     def target(root: Root) -> list[acb]:
         if root.value.is_zero():
             return [acb(0)] * (rigid - 1) + [acb(ratio)]
         return [acb(rest) / (-root.value) ** (k + 1) for k in range(root.multiplicity)]
 
-    columns = []
-    for zero, power, unit in [(z, k, u) for z in zeros for k in range(z.multiplicity) for u in (acb(1), acb(0, 1))[: 1 + z.flexible]]:
-        # `Re unit r^l/l! e^{zr}` after the move adds `(-1)^l C(k+l, l) / (z - p)^(k+l+1)`, half for z and half for its conjugate.
-        def tail(root: Root, z: acb = zero.value, power: int = power, unit: acb = unit) -> list[acb]:
-            one, other, degrees = 1 / (z - root.value), 1 / (z.conjugate() - root.value), range(power + 1, power + 1 + root.multiplicity)
-            return [(-1) ** power * comb(n - 1, power) * (unit * one**n + unit.conjugate() * other**n) / 2 for n in degrees]
-
-        columns += flat(roots, tail).entries()
     aim = flat(roots, target)
-    tails = arb_mat(sum(zero.size for zero in zeros), aim.nrows(), columns).transpose()
-    return System(task, roots, zeros, rigid, rest, lower, upper, aim, tails)
+    shapes = [(z, k, unit) for z in zeros for k in range(z.multiplicity) for unit in (acb(1), acb(0, 1))[: 1 + z.flexible]]
+    spend(10 * len(shapes) * aim.nrows())
+    columns = [x for shape in shapes for x in flat(roots, Root.before, *shape).entries()]
+    return System(task, roots, zeros, rest, lower, upper, aim, arb_mat(len(shapes), aim.nrows(), columns).transpose())
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,14 @@ class Malformed(Exception):
     """The file is no certificate: not canonical, not complete, of no sense, or with a wrong digest."""
 
 
+class Refuted(Exception):
+    """An inequality that the claim rests on is proven false for the given witness."""
+
+
+class Undecided(Exception):
+    """Neither proved nor refuted: at this precision, or with the work that a check may cost."""
+
+
 def require(holds: bool, sentence: str) -> None:
     """Raise `Malformed` unless `holds`."""
     if not holds:
@@ -46,34 +54,35 @@ def real(data: Any, where: str = "a number") -> fmpq:
     return fmpq(int(match[1] + digits, 16)) * fmpq(2) ** (int(match[3]) - 4 * len(digits))
 
 
-def unknown(data: Any, where: str) -> tuple[str, int, int]:
-    """The name of an unknown; JSON's true is no number."""
-    names = isinstance(data, list) and [type(x) for x in data] == [str, int, int] and min(data[1:]) >= 0
-    require(names, f"{where} holds names of unknowns, not {data!r:.80}")
-    return data[0], data[1], data[2]
+def natural(data: Any, where: str) -> int:
+    """A whole number from 0 on; JSON's true is none."""
+    require(type(data) is int and data >= 0, f"{where} is a whole number from 0 on, not {data!r:.80}")
+    return data
 
 
 def counts(data: Any, where: str) -> dict[str, int]:
     """Further zeros by the name of a mode."""
     require(isinstance(data, dict) and len(data) <= MOST_POLES and all(map(_MODE.fullmatch, data)), f"{where} names mode[i] and real[i]")
-    require(all(type(n) is int and 0 <= n <= MOST_ZEROS for n in data.values()), f"{where} counts from 0 to {MOST_ZEROS}")
+    require(all(natural(n, where) <= MOST_ZEROS for n in data.values()), f"{where} counts from 0 to {MOST_ZEROS}")
     return data
 
 
-# A dictionary is an object of exactly these members, a list (item, least, most) an array, a set a choice, a pair with None may be null.
-PAIR: list[Any] = [real, 2, 2]
+# A dictionary is an object of exactly these members, a tuple an array of such items, a list (item, least, most) an array of so many such
+# items, a set a choice; a pair with None may be null.
+PAIR = (real, real)
 POLYNOMIAL: list[Any] = [real, 1, MOST_POLES + 1]  # the highest power of s first
 PLANT = {"numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "zeros": counts}
 LIMITS = {"input": PAIR, "tail_length": (None, {"time": real, "within": real})}  # absolute; seconds after the move, and a fraction
+TASK = {"plants": [PLANT, 1, 1], "displacement": real, "rest": {"state", "output"}, "limits": LIMITS, "initial_input": real}
 # coefficients c_k of `Re Σ c_k s^k/k! e^{ps}` at the root p nearest to a point
 CHAINS: list[Any] = [{"near": PAIR, "coefficients": [PAIR, 0, MOST_POLES]}, 0, MOST_POLES]
-TASK = {"plants": [PLANT, 1, 1], "displacement": real, "rest": {"state", "output"}, "limits": LIMITS, "initial_input": real}
 # a costate for each plant, and the multipliers μ⁺ and μ⁻ of the tail's limits so many seconds after the move
 LOWER = {"costate": [CHAINS, 1, 1], "tail": [{"time": real, "upper": real, "lower": real}, 0, MOST_CONTACTS]}
 # A command near an exact solution: absolute levels from their starts on, then a tail. `free` names its unknowns, each within `radius` of
 # what is written: ["time", 0, 0], ["start" or "level", i, 0] of segment i, ["re" or "im", i, k] of coefficient k of the tail's chain i.
 SEGMENTS = [{"start": real, "level": real}, 0, MOST_SEGMENTS]
-UPPER = {"maneuver_time": real, "segments": SEGMENTS, "tail": CHAINS, "free": [unknown, 0, 2 * MOST_POLES], "radius": real}
+FREE = [({"time", "start", "level", "re", "im"}, natural, natural), 0, 2 * MOST_POLES]
+UPPER = {"maneuver_time": real, "segments": SEGMENTS, "tail": CHAINS, "free": FREE, "radius": real}
 # sides of the least maneuver time [s] (null: not claimed), or the criterion by which the task is impossible
 CLAIM = {"lower": (None, real), "upper": (None, real), "impossible": (None, {"face", "remainder"})}
 SCHEMA = {"format": {"slewcert-certificate/1"}, "task": TASK, "claim": CLAIM, "lower": (None, LOWER), "upper": (None, UPPER)}
@@ -87,9 +96,12 @@ def shaped(data: Any, shape: Any, where: str) -> Any:
         case dict():
             require(isinstance(data, dict) and data.keys() == shape.keys(), f"{where} is an object of exactly {', '.join(shape)}")
             return SimpleNamespace(**{name: shaped(data[name], member, f"{where}.{name}") for name, member in shape.items()})
-        case [item, least, most]:
+        case [item, int(least), int(most)]:
             require(isinstance(data, list) and least <= len(data) <= most, f"{where} is an array of {least} to {most} items")
-            return tuple(shaped(entry, item, where) for entry in data)
+            return tuple(shaped(entry, item, f"{where}[{i}]") for i, entry in enumerate(data))
+        case tuple():
+            require(isinstance(data, list) and len(data) == len(shape), f"{where} is an array of {len(shape)} items")
+            return tuple(shaped(entry, item, f"{where}[{i}]") for i, (entry, item) in enumerate(zip(data, shape, strict=True)))
         case set():
             require(isinstance(data, str) and data in shape, f"{where} is one of {', '.join(sorted(shape))}")
             return data
@@ -99,45 +111,34 @@ def shaped(data: Any, shape: Any, where: str) -> Any:
 def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     """What the schema cannot say; raises `Malformed`."""
     for plant in task.plants:
-        proper = len(plant.numerator) <= len(plant.denominator) and plant.denominator[0] == 1 and plant.numerator[0] != 0
-        require(proper, "a plant is proper, its denominator monic, its leading coefficients not 0")
-        require(plant.numerator[-1] != 0, "the plant has a zero at the origin: there is no rest state")
+        numerator, denominator = plant.numerator, plant.denominator
+        fine = len(numerator) <= len(denominator) and denominator[0] == 1 and numerator[0] != 0 != numerator[-1]
+        require(fine, "a plant is proper and monic, its leading coefficients not 0, and has no zero at the origin: else there is no rest")
     (low, high), length = task.limits.input, task.limits.tail_length
     require(low < high and task.displacement != 0, "limits ascend, and the displacement is not 0")
-    possible = length is None or (task.rest == "output" and length.time >= 0 and 0 < length.within <= 1)
-    require(possible, "a tail length belongs to an output rest: a time from 0 on, a fraction from 0 to 1")
+    fine = length is None or (task.rest == "output" and length.time >= 0 and 0 < length.within <= 1)
+    require(fine, "a tail length belongs to an output rest: a time from 0 on, a fraction from 0 to 1")
     sides = [side for side in (claim.lower, claim.upper) if side is not None]
     require(bool(sides) != (claim.impossible is not None), "a claim has sides, or says that the task is impossible")
     require(all(side >= 0 for side in sides), "a maneuver time is not negative")
     require(bool(lower or not claim.lower) and bool(upper or claim.upper is None), "a side that is claimed has no witness")
-    contacts = lower.tail if lower else ()
-    require(all(min(c.time, c.upper, c.lower) >= 0 for c in contacts), "times and multipliers of the tail are not negative")
+    prices = [x for contact in lower.tail for x in vars(contact).values()] if lower else []
+    require(all(x >= 0 for x in prices), "times and multipliers of the tail are not negative")
     if upper:
-        n, tail = len(upper.segments), upper.tail
-        begins = upper.segments[0].start == 0 < upper.maneuver_time if n else upper.maneuver_time == 0
+        begins = upper.segments[0].start == 0 < upper.maneuver_time if upper.segments else upper.maneuver_time == 0
         require(begins and upper.radius > 0, "a move with segments begins at 0 and lasts longer than 0, and the radius is positive")
-        for kind, i, k in upper.free:
-            segment = {"time": i == 0 < n, "start": 0 < i < n, "level": i < n}.get(kind, False) and k == 0
-            part = kind in ("re", "im") and i < len(tail) and k < len(tail[i].coefficients)
-            require(segment or part, f"upper.free names no unknown: {[kind, i, k]!r:.80}")
-        require(len(set(upper.free)) == len(upper.free), "upper.free names an unknown twice")
 
 
 def canonical(data: Any) -> bytes:
-    """RFC 8785 for what a certificate holds: ASCII strings, small whole numbers, null, true, false, arrays, objects."""
+    """RFC 8785 for what a certificate may hold: ASCII strings, small whole numbers, null, arrays, objects."""
     return json.dumps(data, ensure_ascii=False, sort_keys=True, separators=(",", ":")).encode()
-
-
-def whole(text: str) -> int:
-    """The only numbers that JSON itself may write; raises `ValueError` for the others, NaN included."""
-    return int(text if len(text) <= 6 else "no short whole number")
 
 
 def read(content: bytes) -> SimpleNamespace:
     """Parse and validate: the members of the schema, and what the file holds as `written`. Raises `Malformed` with a sentence."""
     require(len(content) <= LARGEST_FILE, "larger than 16 MiB")
     try:
-        data = json.loads(content.decode("ascii"), parse_float=whole, parse_constant=whole, parse_int=whole)
+        data = json.loads(content.decode("ascii"))
         same = isinstance(data, dict) and canonical(data) == content
     except (ValueError, RecursionError) as problem:
         raise Malformed(f"no canonical JSON: {str(problem)[:200]}") from None

@@ -11,26 +11,28 @@ from itertools import pairwise
 from math import factorial
 from typing import Any
 
-from flint import arb, arb_mat, fmpq
+from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking.balls import Refuted, System, Undecided, Wave, placed, spend
-from relaxations.checking.reading import require
+from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
+from relaxations.checking.reading import Refuted, Undecided, require
 
-Number = fmpq | arb
-"""Exact as written, or the ball of an unknown."""
+Number = fmpq | arb  # exact as written, or the ball of an unknown
 
 
 def as_written(system: System, witness: Any) -> tuple[list[Number], list[int]]:
     """The command, and the places of its unknowns."""
-    segments, (tail, found) = witness.segments, placed(system.zeros, witness.tail)
-    first, unknowns = {"time": 0, "start": 1, "level": 1 + len(segments)}, []
-    for kind, i, k in witness.free:
-        begin, zero = found[i] if kind not in first else (0, None)
-        require(zero is None or zero.flexible or kind == "re", "the coefficients at a real zero have no imaginary part to solve for")
-        place = first[kind] + i if zero is None else 1 + 2 * len(segments) + begin + (1 + zero.flexible) * k + (kind == "im")
-        unknowns.append(place)
-    levels = [segment.level - system.task.initial_input for segment in segments]
-    return [witness.maneuver_time, *(segment.start for segment in segments), *levels, *tail], unknowns
+    n, (tail, found) = len(witness.segments), placed(system.zeros, witness.tail)
+    places = {("time", 0, 0): 0} if n else {}
+    places |= {("start", i, 0): 1 + i for i in range(1, n)} | {("level", i, 0): 1 + n + i for i in range(n)}
+    for i, (begin, zero) in enumerate(found):
+        parts = [(part, i, k) for k in range(zero.multiplicity) for part in ("re", "im")[: 1 + zero.flexible]]
+        places |= {part: 1 + 2 * n + begin + j for j, part in enumerate(parts)}
+    for name in witness.free:
+        require(name in places, f"upper.free names no unknown: {[*name]!r:.80}")
+    require(len(set(witness.free)) == len(witness.free), "upper.free names an unknown twice")
+    levels = [segment.level - system.task.initial_input for segment in witness.segments]
+    command = [witness.maneuver_time, *(segment.start for segment in witness.segments), *levels, *tail]
+    return command, [places[name] for name in witness.free]
 
 
 def residual(system: System, n: int, command: list[Number]) -> arb_mat:
@@ -39,20 +41,23 @@ def residual(system: System, n: int, command: list[Number]) -> arb_mat:
     total = -system.target - system.columns * arb_mat(len(tail), 1, tail)
     for start, (before, level) in zip(command[1 : n + 1], pairwise([fmpq(0), *command[n + 1 : 2 * n + 1]]), strict=True):
         if not arb(level - before).is_zero():
-            total += system.steps(command[0] - start) * arb(level - before)
+            total += flat(system.roots, Root.step, arb(command[0] - start)) * arb(level - before)
     return total
 
 
 def derivative(system: System, n: int, command: list[Number], place: int) -> arb_mat:
     """Of the residual by the number at `place`, over the command's balls."""
-    time, instants, levels = command[0], [*command[1 : n + 1], command[0]], [fmpq(0), *command[n + 1 : 2 * n + 1]]
+    instants, levels = [*command[1 : n + 1], command[0]], [fmpq(0), *command[n + 1 : 2 * n + 1]]
+
+    def begun(entries: Any, i: int) -> arb_mat:
+        return flat(system.roots, entries, arb(command[0] - instants[i]))
+
     if place == 0:
-        jumps = (system.impulses(time - instants[i]) * arb(levels[i + 1] - levels[i]) for i in range(n))
-        return sum(jumps, arb_mat(system.target.nrows(), 1))
+        return sum((begun(Root.impulse, i) * arb(levels[i + 1] - levels[i]) for i in range(n)), arb_mat(system.target.nrows(), 1))
     if place <= n:
-        return system.impulses(time - instants[place - 1]) * arb(levels[place - 1] - levels[place])
+        return begun(Root.impulse, place - 1) * arb(levels[place - 1] - levels[place])
     if place <= 2 * n:
-        return system.steps(time - instants[place - n - 1]) - system.steps(time - instants[place - n])
+        return begun(Root.step, place - n - 1) - begun(Root.step, place - n)
     return -system.columns * arb_mat(system.columns.ncols(), 1, [int(j == place - 2 * n - 1) for j in range(system.columns.ncols())])
 
 
@@ -69,10 +74,7 @@ def solve(system: System, n: int, witness: Any) -> list[Number]:
     spread = arb(0, arb(witness.radius).upper())
     wide = moved([spread] * size)
     slopes = arb_mat(size, size, [x for place in unknowns for x in derivative(system, n, wide, place).entries()]).transpose()
-    try:
-        inverse = slopes.mid().inv().mid()
-    except ZeroDivisionError:
-        raise Undecided("the equations for the unknowns are singular at this precision") from None
+    inverse = slopes.mid().inv().mid()
     spreads = arb_mat(size, 1, [spread] * size)
     changes = ((arb_mat(size, size, 1) - inverse * slopes) * spreads - inverse * residual(system, n, command)).entries()
     if all(spread.contains_interior(change) for change in changes):
@@ -91,29 +93,26 @@ def at_most(a: Number, b: Number, what: str) -> None:
 
 
 def settled(tail: Wave, r: arb, above: fmpq, below: fmpq) -> bool:
-    """Whether the tail is within its room from r on: by its envelope, or, with no room on one side, by the sign of its slowest term."""
-    rates, powers, parts, coefficients = [zero.value.real for zero in tail.roots], [], [], iter(tail.rows.tolist()[0])
-    for zero, rate in zip(tail.roots, rates, strict=True):
-        sizes = [abs(next(coefficients)) for _ in range(zero.multiplicity)]
-        powers.append(max((k for k, size in enumerate(sizes) if not size.is_zero()), default=0))
-        parts.append(sum((size * (rate * r).exp() * r**k / factorial(k) for k, size in enumerate(sizes)), arb(0)))
-    if not all(-rate * r >= power for rate, power in zip(rates, powers, strict=True)):
-        return False  # r^k e^{-ar} falls from r = k/a on only
-    envelope = sum(parts, arb(0))
-    if envelope <= min(above, below):
+    """Whether -below ≤ tail ≤ above from r on: by its envelope, the larger room being enough if its slowest term keeps it on that side."""
+    places = [(root, k) for root in tail.roots for k in range(root.multiplicity)]
+    terms = [(root, k, c) for (root, k), c in zip(places, tail.rows.tolist()[0], strict=True) if not c.is_zero()]
+
+    def envelope(terms: list[tuple[Root, int, acb]], rate: arb) -> arb:
+        """`Σ |c| r^k/k! e^{(Re z - rate) r}`, which only falls from r on, or infinity: r^k e^{-ar} falls from r = k/a on."""
+        falls = all((rate - root.value.real) * r >= k for root, k, _ in terms)
+        parts = (abs(c) * r**k / factorial(k) * ((root.value.real - rate) * r).exp() for root, k, c in terms)
+        return sum(parts, arb(0)) if falls else arb("inf")
+
+    whole = envelope(terms, arb(0))
+    if whole <= min(above, below):
         return True
-    # Another part over the slowest is r^k e^{-dr}, which falls from r = k/d on: what the slowest outweighs then, it outweighs for ever.
-    slowest = max((i for i, part in enumerate(parts) if not part.is_zero()), key=lambda i: float(rates[i].mid()))
-    others = [i for i, part in enumerate(parts) if i != slowest and not part.is_zero()]
-    steady = powers[slowest] == 0 and not tail.roots[slowest].flexible
-    falls = steady and all((rates[slowest] - rates[i]) * r >= powers[i] for i in others)
-    first = tail.rows[0, sum(zero.multiplicity for zero in tail.roots[:slowest])].real
-    inward = (above == 0 and first < 0) or (below == 0 and first > 0)
-    return bool(falls and inward and envelope <= max(above, below) and sum((parts[i] for i in others), arb(0)) < parts[slowest])
+    root, k, c = slowest = max(terms, key=lambda term: float(term[0].value.real.mid()))
+    outweighs = envelope([term for term in terms if term is not slowest], root.value.real) < abs(c)
+    return not root.flexible and k == 0 and outweighs and whole <= (below if c.real < 0 else above)
 
 
 def inside(tail: Wave, start: arb, end: arb, room: tuple[fmpq, fmpq], first: fmpq | None) -> None:
-    """-below ≤ tail ≤ above on [start, end], by subdivision; a tail that begins with the exact value `first` may touch a limit at 0."""
+    """-below ≤ tail ≤ above on [start, end], by bisection; a tail that begins with the exact value `first` may touch a limit at 0."""
     (above, below), waiting = room, [(start, end)]
     while waiting:
         a, b = waiting.pop()
@@ -132,22 +131,21 @@ def tail_limits(system: System, n: int, command: list[Number]) -> None:
     """The tail within its limits for ever: on [0, far] by subdivision, beyond as `settled` says."""
     if all(number == 0 for number in command[2 * n + 1 :]):
         return
-    tail = Wave.of(system.zeros, command[2 * n + 1 :])
-    length = system.task.limits.tail_length
-    later, far = length.time if length else fmpq(0), max((-1 / zero.value.real).upper() for zero in tail.roots)
+    tail, length = Wave.of(system.zeros, command[2 * n + 1 :]), system.task.limits.tail_length
+    later = length.time if length else fmpq(0)
+    far = max(arb(later).upper(), *((-1 / zero.value.real).upper() for zero in tail.roots))
     for _ in range(100):
-        if far >= later and settled(tail, far, *system.room(later)):
+        if settled(tail, far, *system.room(later)):
             break
         far *= 2
     else:
         raise Undecided("the tail does not settle within the limits: the final rest input may lie on one")
-    (data,), first = system.task.plants, None
-    if n == 0 and len(data.numerator) == len(data.denominator):
+    (plant,), first = system.task.plants, None
+    if n == 0 and len(plant.numerator) == len(plant.denominator):
         # A command that is all tail: the output jumps to its target by the feed-through at once, u(0+) = u_0 + Δ/D, exactly.
-        first = system.task.displacement / data.numerator[0] - system.rest
+        first = system.task.displacement / plant.numerator[0] - system.rest
     # The tighter limits of a tail length count from its time on; the ball of that instant obeys both.
-    if later > 0:
-        inside(tail, arb(0), arb(later).upper(), system.room(fmpq(-1)), first)
+    inside(tail, arb(0), arb(later).upper(), system.room(fmpq(-1)), first)
     inside(tail, arb(later).lower(), far, system.room(later), first)
 
 

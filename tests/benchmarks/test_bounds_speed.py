@@ -15,7 +15,7 @@ import pytest
 
 from relaxations import programs
 from relaxations.bounds import Status
-from relaxations.checking.claims import check_file
+from relaxations.checking.claims import check
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant, exact
 from relaxations.proofs import minimum_time
@@ -120,7 +120,7 @@ def test_check_as_a_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     content = minimum_time(problem([chain(6)], Maneuver(exact(3), Limits.of(-1, 1)))).certificate
     assert content is not None
     file.write_bytes(content)
-    inside = median(lambda: check_file(file), 5)
+    inside = median(lambda: check(file.read_bytes()), 5)
 
     def process(*words: str) -> float:
         return median(lambda: subprocess.run([sys.executable, *words], check=True, capture_output=True), 7)
