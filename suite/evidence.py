@@ -33,7 +33,7 @@ UNPROVEN = (
 )
 NO_REQUIREMENT = "The study has no requirement: the command was run and measured, but nothing was judged."
 TRUST_BASE = (
-    "For the bracket: python-flint {flint}, CPython {python}, {lines} lines of checker that share nothing with what solves.",
+    "For the bracket: python-flint {flint}, CPython {python}, {lines} lines of checker code that share nothing with what solves.",
     "For the runs: the FMU's own binary and its solver, run in a process of its own.",
     "For the verdicts: the step-halving estimate of the numerical error; NumPy, and the quantities' definitions, applied again by review.",
 )

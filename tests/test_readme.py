@@ -14,6 +14,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from suite.checks import size
 from suite.cli import main
 from suite.quantity_names import parse_quantity
 from suite.study_rules import UNSUPPORTED
@@ -162,6 +163,11 @@ def test_times_in_the_prose_are_those_of_the_picture_and_of_the_commands(printed
 
 
 # What it says of what there is.
+
+
+def test_the_size_of_the_checker_is_the_one_quoted():
+    (quoted,) = re.findall(r"some (\d+) lines of code", README)
+    assert abs(int(quoted) - size()) <= 10
 
 
 def test_the_requirement_of_the_example_can_be_written():
