@@ -60,10 +60,8 @@ def size() -> int:
     lines = 0
     for path in Path(checking.__file__).parent.glob("*.py"):
         with tokenize.open(path) as file:
-            spans = [
-                (t.start[0], t.end[0]) for t in tokenize.generate_tokens(file.readline) if t.type in CODE and t.line.strip()[:3] != '"""'
-            ]
-        lines += len({line for first, last in spans for line in range(first, last + 1)})
+            code = [token for token in tokenize.generate_tokens(file.readline) if token.type in CODE and token.line.strip()[:3] != '"""']
+        lines += len({line for token in code for line in range(token.start[0], token.end[0] + 1)})
     return lines
 
 
