@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import flint
@@ -26,12 +27,14 @@ HELD = (
     Known("held_robust", transfer([1], [1, "0.2", 1]), "0.5", None, "", robustness=1),
 )
 BY_NAME = {known.name: known for known in (*KNOWN, *HELD)}
+RECORDED = Path(__file__).with_name("recorded")
+"""Certificates that were made before the checker was changed on purpose (mutants.py); otherwise this folder does not exist."""
 
 
 @cache
 def proven(name: str) -> bytes:
     """The certificate of a problem of the collection, both sides proven."""
-    return _certified(BY_NAME[name].problem)
+    return _certified(name, BY_NAME[name].problem)
 
 
 @cache
@@ -39,7 +42,7 @@ def proven_tail(name: str) -> bytes:
     """The certificate of an output rest."""
     numerator, denominator, displacement, limits, length = TAILS[name]
     maneuver = Maneuver(exact(displacement), Limits.of(*limits), tail=True, tail_length=length)
-    return _certified(lambda: problem([transfer(numerator, denominator)()], maneuver))
+    return _certified(f"tail_{name}", lambda: problem([transfer(numerator, denominator)()], maneuver))
 
 
 TAILS: dict[str, tuple[list[Any], list[Any], Any, tuple[Any, Any], tuple[Fraction, Fraction] | None]] = {
@@ -58,7 +61,9 @@ TAILS: dict[str, tuple[list[Any], list[Any], Any, tuple[Any, Any], tuple[Fractio
 }
 
 
-def _certified(pose: Callable[[], Any]) -> bytes:
+def _certified(name: str, pose: Callable[[], Any]) -> bytes:
+    if (file := RECORDED / f"{name}.json").exists():
+        return file.read_bytes()
     bound = minimum_time(pose())
     assert bound.certificate is not None
     assert bound.status.name == "PROVED", bound.reason

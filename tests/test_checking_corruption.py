@@ -250,16 +250,18 @@ def truth(text: str) -> tuple[float, float]:
 
 
 def judged_otherwise(data: dict[str, Any]) -> bool:
-    """Where the bracket gives up (rests on a limit or far away): by monotony, or by what HiGHS reaches in the time claimed."""
-    claim, of = data["claim"], posed(data)
-    if data["task"]["plants"][0]["zeros"] and claim["upper"] is None:
-        with_fewer = {**data["task"], "plants": [{**data["task"]["plants"][0], "zeros": {}}]}
-        return is_true({**data, "task": with_fewer})  # takes no longer
+    """Where the bracket gives up (rests on a limit or far away): by monotony, continuity, or what HiGHS reaches in the time claimed."""
+    claim, of, (plant,) = data["claim"], posed(data), data["task"]["plants"]
+    if plant["zeros"] and claim["upper"] is None:
+        return is_true({**data, "task": {**data["task"], "plants": [{**plant, "zeros": {}}]}})  # takes no longer
+    without_dust = [c if abs(number(c)) > 1e-15 else "0" for c in plant["denominator"]]
+    if without_dust != plant["denominator"]:  # the grid sees decades of decay; the move does not
+        return is_true({**data, "task": {**data["task"], "plants": [{**plant, "denominator": without_dust}]}})
     assert not of.maneuver.tail
-    plant, displacement = independent.StateSpace.of(of.plants[0]), float(of.maneuver.displacement)
+    model, displacement = independent.StateSpace.of(of.plants[0]), float(of.maneuver.displacement)
 
     def reach(time: float) -> float:
-        return independent.reachable_fraction(plant, displacement, of.lower, of.upper, time, 200)
+        return independent.reachable_fraction(model, displacement, of.lower, of.upper, time, 200)
 
     if claim["impossible"]:
         return reach(40.0) < 0.99
