@@ -43,9 +43,7 @@ class Checked:
     def lines(self) -> list[str]:
         """For people: the claim, what it rests on, the outcome."""
         found = self.check
-        lines = [f"{self.path}"]
-        if found.certificate is not None:
-            lines.append(claim(found.certificate))
+        lines = [f"{self.path}", *claim(found).splitlines()]
         versions = f"python-flint {importlib.metadata.version('python-flint')}, CPython {platform.python_version()}"
         lines.append(f"Trust base: {versions}, {size()} lines of code in the checker.")
         if self.study is not None:

@@ -7,6 +7,7 @@ Survivors are printed as docs/checker-mutations.md lists them; the exit code say
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -50,9 +51,9 @@ def prepare(folder: Path) -> None:
 
 
 def mutmut(folder: Path, *words: str) -> str:
-    """What mutmut prints."""
-    program = Path(sys.executable).with_name("mutmut")
-    return subprocess.run([program, *words], cwd=folder, stdout=subprocess.PIPE, text=True, check=True).stdout
+    """What mutmut prints; it sees to the path of imports itself."""
+    program, surroundings = Path(sys.executable).with_name("mutmut"), {**os.environ, "PYTHONPATH": ""}
+    return subprocess.run([program, *words], cwd=folder, env=surroundings, stdout=subprocess.PIPE, text=True, check=True).stdout
 
 
 def survivors(folder: Path) -> Iterator[tuple[str, str, str]]:

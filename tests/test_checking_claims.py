@@ -11,21 +11,20 @@ from flint import fmpq
 from forgery import certificate, changed, command, costate, opened, proven, proven_tail, task
 
 from relaxations.checking.claims import check, claim, rounded
-from relaxations.checking.reading import read
 
 INTEGRATOR = task(["1"], ["1", "0"])
 ONE = costate((("0", "0"), [("1", "0")]))
 
 
 def test_the_whole_claim_is_printed() -> None:
-    words = claim(read(proven_tail("short_tail")))
+    words = claim(check(proven_tail("short_tail")))
     assert "From 1 s after T on, the input stays within 0.05 of the nearer limit's distance" in words
     assert "in less than" in words
     assert "at most" in words
-    robust = claim(read(proven("two_mass_robust")))
+    robust = claim(check(proven("two_mass_robust")))
     assert "further zeros of the command: 1 at mode[1]" in robust
     assert "state rest" in robust
-    assert "in any time" in claim(read(certificate(task(["1"], ["1", "1"]), impossible="remainder")))
+    assert "in any time" in claim(check(certificate(task(["1"], ["1", "1"]), impossible="remainder")))
     record = check(proven("two_mass_1")).to_dict()
     assert record["task"] == opened(proven("two_mass_1"))["task"]
     printed = [Decimal(record["maneuver_time"][side]) for side in ("lower", "upper")]
@@ -51,22 +50,24 @@ def test_claims_word_for_word() -> None:
     limits = "Limits: -1 ≤ u(t) ≤ 1 for all t ≥ 0."
     below = "no measurable command within the limits does this in less than 0.66666666666666666 s"
     above = "one does it in at most 1.3333333333333334 s"
-    assert claim(read(both)).splitlines() == [*plant, moved, limits, f"Claim: {below}; {above}."]
+    assert claim(check(both)).splitlines() == [*plant, moved, limits, f"Claim: {below}; {above}."]
     for side, words in (("lower", below), ("upper", above)):
         one = changed(both, lambda data, side=side: data["claim"].update({"lower": None, "upper": None, side: data["claim"][side]}))
-        assert claim(read(one)).splitlines()[-1] == f"Claim: {words}."
+        assert claim(check(one)).splitlines()[-1] == f"Claim: {words}."
         assert check(one).to_dict()["maneuver_time"][{"lower": "upper", "upper": "lower"}[side]] is None
     never = certificate(task(["1"], ["1", "1"]), impossible="remainder")
     record = {"status": "proved", "task": task(["1"], ["1", "1"]), "maneuver_time": None, "impossible": True}
     assert check(never).to_dict() == record
-    assert claim(read(never)).splitlines()[-1] == "Claim: no measurable command within the limits does this in any time."
+    assert claim(check(never)).splitlines()[-1] == "Claim: no measurable command within the limits does this in any time."
     refused = check(certificate(INTEGRATOR, lower="2", witnesses=(ONE, None)))
     reason = "the lower bound's inequality (2) is false for this costate at the time that is claimed"
+    assert claim(refused).splitlines()[-1] == "Not proven: no measurable command within the limits does this in less than 2 s."
+    assert claim(check(b"[]")) == ""
     assert refused.to_dict() == {"status": "refuted", "task": INTEGRATOR, "reason": reason}
     assert check(b"[]").to_dict() == {"status": "malformed", "reason": "no object in canonical form (RFC 8785)"}
     long_claim = task(
-        ["1", "1"],
-        ["1", "2", "5", "0"],
+        ["1", "2"],
+        ["1", "3", "7", "5", "0"],
         "0.5",
         rest="output",
         limits=("-1/3", "2"),
@@ -74,10 +75,10 @@ def test_claims_word_for_word() -> None:
         zeros={"mode[1]": 2, "real[1]": 1},
         tail_length={"time": "3", "within": "0.1"},
     )
-    assert claim(read(certificate(long_claim, lower="0", witnesses=(costate(), None)))).splitlines() == [
+    assert claim(check(certificate(long_claim, lower="0", witnesses=(costate(), None)))).splitlines() == [
         "Plant (highest power of s first):",
-        "  numerator    [1, 1]",
-        "  denominator  [1, 2, 5, 0]",
+        "  numerator    [1, 2]",
+        "  denominator  [1, 3, 7, 5, 0]",
         "  further zeros of the command: 2 at mode[1], 1 at real[1]",
         "Task: from rest at input 0.25 move the output by 0.5; "
         "the output stays at its target from T on, and the input tends to its final rest value (output rest).",

@@ -113,7 +113,7 @@ import sys
 from pathlib import Path
 from relaxations.checking.claims import check, claim
 found = check(Path(sys.argv[1]).read_bytes())
-print(found.outcome.value, claim(found.certificate) != "")
+print(found.outcome.value, claim(found) != "")
 loaded = {name.split(".")[0] for name in sys.modules}
 print(sorted(loaded & {"numpy", "scipy", "cvxpy", "clarabel", "rfc8785", "pydantic", "matplotlib", "fmpy"}))
 print(sorted(name for name in sys.modules if name.startswith(("relaxations", "suite", "reports", "fmus"))))

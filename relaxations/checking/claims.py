@@ -94,15 +94,17 @@ def rounded(value: fmpq | None, rounding: str) -> str | None:
     return f"{Context(prec=17, rounding=rounding).divide(Decimal(str(value.p)), Decimal(str(value.q))):f}"
 
 
-def claim(certificate: SimpleNamespace) -> str:
-    """The whole claim in words, its numbers as written, so that a reader can see which problem it is about."""
-    task, limits, sides = certificate.written["task"], certificate.written["task"]["limits"], certificate.claim
+def claim(found: Check) -> str:
+    """The whole claim in words, its numbers as written, so that a reader can see which problem it is about; empty if malformed."""
+    if found.certificate is None:
+        return ""
+    task, sides = found.certificate.written["task"], found.certificate.claim
     lines = ["Plant (highest power of s first):"]
     for plant in task["plants"]:
         lines += [f"  {name:<12} [{', '.join(plant[name])}]" for name in ("numerator", "denominator")]
         if plant["zeros"]:
             lines.append("  further zeros of the command: " + ", ".join(f"{count} at {name}" for name, count in plant["zeros"].items()))
-    rest, (low, high), tail = REST[task["rest"]], limits["input"], limits["tail_length"]
+    rest, (low, high), tail = REST[task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
     lines.append(f"Task: from rest at input {task['initial_input']} move the output by {task['displacement']}; {rest}.")
     lines.append(f"Limits: {low} ≤ u(t) ≤ {high} for all t ≥ 0.")
     if tail:
@@ -113,4 +115,5 @@ def claim(certificate: SimpleNamespace) -> str:
         words.append(f"no measurable command within the limits does this in less than {rounded(sides.lower, ROUND_FLOOR)} s")
     if sides.upper is not None:
         words.append(f"one does it in at most {rounded(sides.upper, ROUND_CEILING)} s")
-    return "\n".join([*lines, f"Claim: {'; '.join(words)}."])
+    heading = "Claim" if found.outcome is Outcome.PROVED else "Not proven"
+    return "\n".join([*lines, f"{heading}: {'; '.join(words)}."])
