@@ -101,6 +101,7 @@ class GridMinimum:
     settled: bool = False  # the search ended early: what came of the last solution is all that was wanted
 
 
+TOUCHING = 1e-6  # price times room, of a target's 1: smaller ones are what an interior-point method leaves anywhere
 CUTS = 6  # rounds of cutting planes for the tail's limits
 FLAT = 1e-3  # d log α/d log T below which α says nothing about the time
 NEAR, EARLY = 0.05, 2  # of log α: Newton's method on the switches is tried from there on, so often
@@ -136,9 +137,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         if len(early) == EARLY or off > NEAR or _exponent(problem, solution) <= FLAT:
             return False
         early.append(found := _refined(problem, solution))
-        if isinstance(found, Failure) or abs(math.log(found.maneuver_time / solution.maneuver_time)) > 2 * NEAR:
-            return False
-        return not len(problem.tail.exceeded(found.tail_coefficients))
+        return isinstance(found, Extremal) and abs(math.log(found.maneuver_time / solution.maneuver_time)) <= 2 * NEAR
 
     grid = _cut_minimum(problem, chosen, near, settled)
 
@@ -186,26 +185,24 @@ def _tail_only(problem: Problem) -> Reals | None:
 
 
 def _refined(problem: Problem, start: programs.GridSolution) -> Extremal | Failure:
-    touching = contacts(problem, start)
-    if touching is None:
-        return Failure("the tail touches a limit in its course")
-    return refine(problem, start.costate, start.maneuver_time, touching)
+    return refine(problem, start.costate, start.maneuver_time, contacts(problem, start))
 
 
-def contacts(problem: Problem, solution: programs.GridSolution) -> TailStart | None:
-    """The tail of a grid's solution and where it touches its limits; None if it does so in its course, at no instant known exactly."""
-    known = {0.0} | ({problem.tail.length.time} if problem.tail.length else set())
-    weights = [(t, above * room) for t, above, room in zip(solution.program.looks, solution.mu_above, solution.program.above, strict=True)]
-    weights += [(t, below * room) for t, below, room in zip(solution.program.looks, solution.mu_below, solution.program.below, strict=True)]
-    if sum(abs(w) for t, w in weights if t not in known) > 1e-4 * (1.0 + solution.price(problem)):
-        return None
-    found = []
+def contacts(problem: Problem, solution: programs.GridSolution) -> TailStart:
+    """The tail of a grid's solution and where it touches its limits: at an instant that is known, or at a local extreme in its course."""
+    tail, coefficients = problem.tail, solution.tail_coefficients
+    known, peaks = tail.known, tail.peaks(coefficients)
+    upward = tail.rows(peaks, 2) @ coefficients < 0.0
+    found: dict[tuple[float, int], float] = {}
     for t, above, below in solution.tail_multipliers:
         side, multiplier = (1, above) if above > below else (-1, below)
-        room = problem.tail.room(np.array([t]))[0 if side > 0 else 1][0]
-        if t in known and multiplier * room > 1e-6:
-            found.append(Contact(t, side, multiplier))
-    return TailStart(solution.tail_coefficients, tuple(found))
+        room = tail.room(np.array([t]))[0 if side > 0 else 1][0]
+        if multiplier * room <= TOUCHING:
+            continue
+        places = np.concatenate([known, peaks[upward == (side > 0)]])
+        near = float(places[np.argmin(np.abs(places - t))])
+        found[near, side] = found.get((near, side), 0.0) + multiplier
+    return TailStart(coefficients, tuple(Contact(t, side, mu, t not in known) for (t, side), mu in found.items()))
 
 
 def instants(problem: Problem, horizon: float, settings: Settings) -> Reals:

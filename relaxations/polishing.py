@@ -34,7 +34,7 @@ class Polished:
     starts: tuple[Fraction, ...]
     costate: tuple[Fraction, ...]
     tail: tuple[Fraction, ...]
-    multipliers: tuple[tuple[float, Fraction, Fraction], ...]  # (instant after the move [s], μ⁺, μ⁻)
+    multipliers: tuple[tuple[Fraction, Fraction, Fraction], ...]  # (instant after the move [s], μ⁺, μ⁻)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +72,15 @@ class _Exact:
                 out += [changed.real, -changed.imag] if flexible else [changed.real]
         return out
 
-    def shape(self, since: float) -> list[arb]:
-        """The tail at `since` [s] for each unit coefficient."""
-        out, r = [], arb(since)
+    def shape(self, r: arb, derivative: int) -> list[arb]:
+        """The tail's `derivative` by time at r [s] for each unit coefficient."""
+        out: list[arb] = []
         for zero, multiplicity, flexible in self.zeros:
+            decay = (zero * r).exp()
+            chain = [decay * r**power / factorial(power) for power in range(multiplicity)]
             for power in range(multiplicity):
-                value = (zero * r).exp() * r**power / factorial(power)
+                lower = range(min(derivative, power) + 1)
+                value = sum((comb(derivative, i) * zero ** (derivative - i) * chain[power - i] for i in lower), acb(0))
                 out += [value.real, -value.imag] if flexible else [value.real]
         return out
 
@@ -143,6 +146,7 @@ def polish(problem: Problem, extremal: Extremal, bits: int | None = None) -> Pol
 def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> Polished | None:
     contacts = extremal.tail.contacts
     m, size, n, a = len(extremal.switches_to_go), problem.size, problem.tail.size, len(contacts)
+    moving = [k for k, contact in enumerate(contacts) if contact.moving]
     if m + 1 + n < size + a:
         return None
     levels = [arb(_q(_level(problem, level))) for level in extremal.levels(problem)]
@@ -152,14 +156,21 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
         *extremal.costate,
         *extremal.tail.coefficients,
         *(c.multiplier for c in contacts),
+        *(contacts[k].time for k in moving),
     ]
     x = [arb(float(value)) for value in x]
-    shapes = [[c.side * value for value in exact.shape(c.time)] for c in contacts]
     room = [arb(_q(_exact_room(problem, c.time, c.side))) for c in contacts]
-    width, lam, tail, mu = m + 1 + size + n + a, m + 1, m + 1 + size, m + 1 + size + n
+    lam, tail, mu, tau = m + 1, m + 1 + size, m + 1 + size + n, m + 1 + size + n + a
+    width = tau + len(moving)
     distance = None
     for _ in range(ITERATIONS):
-        s, time, costate, c, prices = x[:m], x[m], x[lam:tail], x[tail:mu], x[mu:]
+        s, time, costate, c, prices = x[:m], x[m], x[lam:tail], x[tail:mu], x[mu:tau]
+        instants = [arb(contact.time) for contact in contacts]
+        for place, k in enumerate(moving, tau):
+            instants[k] = x[place]
+        shapes, slopes, bends = (
+            [[c.side * value for value in exact.shape(r, d)] for c, r in zip(contacts, instants, strict=True)] for d in range(3)
+        )
         matrix = [[arb(0)] * width for _ in range(width)]
         values = [arb(0)] * width
         table = [exact.rows(at, True) for at in (*s, time)]
@@ -187,6 +198,8 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
             values[size + m + j] = pulled + sum((prices[k] * shapes[k][j] for k in range(a)), arb(0))
             for k in range(a):
                 matrix[size + m + j][mu + k] = shapes[k][j]
+            for place, k in enumerate(moving, tau):
+                matrix[size + m + j][place] = prices[k] * slopes[k][j]
         scaled = sum((p * q for p, q in zip(costate, exact.target, strict=True)), arb(0))
         values[size + m + n] = scaled - sum((p * r for p, r in zip(prices, room, strict=True)), arb(0)) - 1
         for k in range(a):
@@ -195,6 +208,13 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
             values[size + m + n + 1 + k] = sum((shapes[k][j] * c[j] for j in range(n)), arb(0)) - inside
             for j in range(n):
                 matrix[size + m + n + 1 + k][tail + j] = shapes[k][j]
+        for place, k in enumerate(moving, tau):
+            slope, bend = (sum((line[j] * c[j] for j in range(n)), arb(0)) for line in (slopes[k], bends[k]))
+            values[place - tau + size + m + n + 1 + a] = slope
+            matrix[size + m + n + 1 + k][place] = slope
+            matrix[place - tau + size + m + n + 1 + a][place] = bend
+            for j in range(n):
+                matrix[place - tau + size + m + n + 1 + a][tail + j] = slopes[k][j]
         step = arb_mat([[v.mid() for v in row] for row in matrix]).solve(arb_mat([[v.mid()] for v in values]))
         # A step that would reorder the arcs is shortened: a start may be no better than the grid.
         share = next((share for share in SHARES if _ordered([x[i] - share * step[i, 0] for i in range(m + 1)])), None)
@@ -214,8 +234,12 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
     starts = (Fraction(0), *(time - value for value in reversed(numbers[:m])))
     if any(after <= before for before, after in zip(starts, (*starts[1:], time), strict=True)):
         return None
-    prices = [max(value, Fraction(0)) for value in numbers[mu:]]
-    pairs = tuple((c.time, p, Fraction(0)) if c.side > 0 else (c.time, Fraction(0), p) for c, p in zip(contacts, prices, strict=True))
+    prices = [max(value, Fraction(0)) for value in numbers[mu:tau]]
+    at = [Fraction(contact.time) for contact in contacts]
+    for place, k in enumerate(moving, tau):
+        at[k] = max(numbers[place], Fraction(0))
+    triples = zip(contacts, at, prices, strict=True)
+    pairs = tuple((r, price, Fraction(0)) if c.side > 0 else (r, Fraction(0), price) for c, r, price in triples)
     return Polished(time, starts, tuple(numbers[lam:tail]), tuple(numbers[tail:mu]), pairs)
 
 

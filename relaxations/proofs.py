@@ -154,9 +154,9 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         return _instant(problem, task, found)
     proof = Proof()
     extremal = found.dual
-    if isinstance(extremal, programs.GridSolution) and found.upper is not None and (touching := contacts(problem, extremal)) is not None:
+    if isinstance(extremal, programs.GridSolution) and found.upper is not None:
         # Where Newton's method in doubles failed, one in more digits may find its way from the grid.
-        extremal = outline(problem, extremal.costate, extremal.maneuver_time, touching)
+        extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal))
     if isinstance(extremal, Extremal) and (polished := polish(problem, extremal)) is not None:
         proof = _regular(problem, task, extremal, polished)
     if isinstance(found.dual, Extremal) and proof.upper is None:

@@ -25,16 +25,21 @@ MOST_SWITCHES = 1500  # the dense system for them still fits the memory, and tak
 ROUNDING = 1e-11  # relative residual of the moments below which Newton may stop, as soon as it gains nothing more
 
 
+EXCESS = 1e-10  # of the input's range: a tail so far beyond a limit is beyond it, and not by rounding
 INSIDE = 2e-13  # of its room: how far a tail that touches a limit is kept inside it, so that the inequality can be proven strict
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """An instant [s] after the move at which the tail is on its upper (side 1) or lower (side -1) limit, and the multiplier μ ≥ 0 there."""
+    """An instant [s] after the move at which the tail is on its upper (side 1) or lower (side -1) limit, and the multiplier μ ≥ 0 there.
+
+    In the tail's course it touches the limit with slope zero at an instant that is unknown: the contact is `moving`.
+    """
 
     time: float
     side: int
     multiplier: float
+    moving: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,10 +93,11 @@ class Extremal:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Why no extremal command came of a start; `restart` is a costate and a time [s] whose signs are a better start, if there are any."""
+    """Why no extremal command came of a start; `restart` is a better one, if there is any: a costate and a time [s] by whose signs to
+    begin, and a tail."""
 
     reason: str
-    restart: tuple[Reals, float] | None = None
+    restart: tuple[Reals, float, TailStart] | None = None
 
 
 def _levels(problem: Problem, last: float, switches: int) -> Reals:
@@ -111,13 +117,14 @@ def refine(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSta
 
     Returns the extremal command, or the reason why there is none: arcs that vanish or change order, no convergence, or multipliers whose
     signs are not the command's. The pattern is then wrong, and the costate that Newton's method came to may have a better one: only trying
-    tells a costate that nearly touches zero from one that crosses it.
+    tells a costate that nearly touches zero from one that crosses it. The same goes for the tail: a contact whose price is negative is let
+    go, and where the tail is beyond a limit it has another one.
     """
     found = _newton(problem, costate, maneuver_time, tail)
     for _ in range(PATTERNS):
         if isinstance(found, Extremal) or found.restart is None:
             break
-        found = _newton(problem, *found.restart, tail)
+        found = _newton(problem, *found.restart)
     return found
 
 
@@ -135,7 +142,8 @@ def _newton(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSt
     if len(switches) > MOST_SWITCHES:
         return Failure(f"{len(switches)} switches are more than Newton's method is tried for ({MOST_SWITCHES})")
     state = _State(problem, _levels(problem, last, len(switches)), tail.contacts)
-    x = np.concatenate([switches, [maneuver_time], costate, tail.coefficients, [c.multiplier for c in tail.contacts]])
+    moving = [c.time for c in tail.contacts if c.moving]
+    x = np.concatenate([switches, [maneuver_time], costate, tail.coefficients, [c.multiplier for c in tail.contacts], moving])
     count, best, relative = len(switches), np.inf, np.inf
     for iteration in range(ITERATIONS):
         values, matrix, relative = state.linearise(x)
@@ -150,27 +158,34 @@ def _newton(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSt
         while share > 1e-3 and not _ordered(x[: count + 1] + share * step[: count + 1]):
             share /= 2
         if not _ordered(x[: count + 1] + share * step[: count + 1]):
-            _, time, multiplier, _, _ = state.split(x)
-            return Failure(f"{count} switches: an arc vanishes in Newton's method after {iteration + 1} steps", (multiplier, time))
+            _, time, multiplier, *_ = state.split(x)
+            return Failure(f"{count} switches: an arc vanishes in Newton's method after {iteration + 1} steps", (multiplier, time, tail))
         x = x + share * step
     else:
         return Failure(f"{count} switches: Newton's method did not converge in {ITERATIONS} steps (relative residual {relative:.1e})")
-    s, time, multiplier, coefficients, prices = state.split(x)
+    s, time, multiplier, coefficients, prices, _ = state.split(x)
+    contacts = state.touched(x)
     found = costate_roots(problem, multiplier, time)
     if len(found) != count or (count and np.abs(found - s).max() > 1e-6 * time):
         reason = f"{count} switches: the refined costate has {len(found)} sign changes elsewhere, so the pattern is not extremal"
-        return Failure(reason, (multiplier, time))
+        return Failure(reason, (multiplier, time, TailStart(coefficients, contacts)))
     if np.any(prices < 0.0):
-        return Failure(f"{count} switches: a multiplier of the tail's limits is negative, so its contacts are not extremal")
-    contacts = tuple(Contact(c.time, c.side, float(mu)) for c, mu in zip(tail.contacts, prices, strict=True))
+        kept = tuple(c for k, c in enumerate(contacts) if k != np.argmin(prices))
+        reason = f"{count} switches: a multiplier of the tail's limits is negative, so its contacts are not extremal"
+        return Failure(reason, (multiplier, time, TailStart(coefficients, kept)))
+    if others := _beyond(problem, coefficients):
+        reason = f"{count} switches: the tail is beyond its limits {others[0].time:.3g} s after the move"
+        return Failure(reason, (multiplier, time, TailStart(coefficients, (*contacts, *others))))
     return Extremal(time, s, float(last), multiplier, relative, iteration, TailStart(coefficients, contacts))
 
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """The square system of an extremal: unknown are s (m), T, λ (size), tail coefficients c (n) and contact multipliers μ (a).
+    """The square system of an extremal: unknown are s (m), T, λ (size), tail coefficients c (n), contact multipliers μ (a) and the instants
+    τ (k) of the contacts that move.
 
-    Rows: moments `∫ b u = target + G c`; `p(s_i) = 0`; `λᵀ G + Σ μ e = 0`; `λᵀ target - Σ μ room = 1`; `e c = room` at the contacts.
+    Rows: moments `∫ b u = target + G c`; `p(s_i) = 0`; `λᵀ G + Σ μ e = 0`; `λᵀ target - Σ μ room = 1`; `e(τ) c = room` at the contacts, and
+    `e'(τ) c = 0` at those that move.
     """
 
     problem: Problem
@@ -178,28 +193,42 @@ class _State:
     contacts: tuple[Contact, ...]
 
     @property
-    def _sizes(self) -> tuple[int, int, int, int]:
-        return len(self.levels) - 1, self.problem.size, self.problem.tail.size, len(self.contacts)
+    def _ends(self) -> list[int]:
+        """Where s, T, λ, c, μ and τ end in the list of unknowns."""
+        a, k = len(self.contacts), sum(c.moving for c in self.contacts)
+        return list(np.cumsum([len(self.levels) - 1, 1, self.problem.size, self.problem.tail.size, a, k]))
 
-    def split(self, x: Reals) -> tuple[Reals, float, Reals, Reals, Reals]:
+    def split(self, x: Reals) -> tuple[Reals, float, Reals, Reals, Reals, Reals]:
         """The unknowns by name."""
-        m, size, n, _ = self._sizes
-        s, rest = x[:m], x[m + 1 :]
-        return s, float(x[m]), rest[:size], rest[size : size + n], rest[size + n :]
+        s, time, costate, coefficients, prices, instants = np.split(x, self._ends[:-1])
+        return s, float(time[0]), costate, coefficients, prices, instants
+
+    def touched(self, x: Reals) -> tuple[Contact, ...]:
+        """The contacts with their multipliers and instants."""
+        *_, prices, instants = self.split(x)
+        moved = iter(instants)
+        return tuple(
+            Contact(float(next(moved)) if c.moving else c.time, c.side, float(mu), c.moving)
+            for c, mu in zip(self.contacts, prices, strict=True)
+        )
 
     def linearise(self, x: Reals) -> tuple[Reals, Reals, float]:
         """Residuals and their Jacobian, every row divided by the size of its terms, and the moments' relative residual."""
-        m, size, n, a = self._sizes
-        s, time, costate, coefficients, prices = self.split(x)
         problem, at = self.problem, slice
-        rows = (at(0, size), at(size, size + m), at(size + m, size + m + n), size + m + n, at(size + m + n + 1, size + m + n + 1 + a))
-        moments, roots, tails, scale, touching = rows
-        lam, tail, mu = at(m + 1, m + 1 + size), at(m + 1 + size, m + 1 + size + n), at(m + 1 + size + n, m + 1 + size + n + a)
-        columns = problem.tail.columns
-        shapes = np.array([c.side * problem.tail.rows(np.array([c.time]))[0] for c in self.contacts]).reshape(a, n)
-        room = np.array([_room(problem, c) for c in self.contacts])
+        m, _, end_lam, end_c, end_mu, width = self._ends
+        lam, tail, mu = at(m + 1, end_lam), at(end_lam, end_c), at(end_c, end_mu)
+        size, n, a = problem.size, problem.tail.size, len(self.contacts)
+        moments, roots, tails, scale = at(0, size), at(size, size + m), at(size + m, size + m + n), size + m + n
+        touching, still = at(scale + 1, scale + 1 + a), at(scale + 1 + a, width)
+        s, time, costate, coefficients, prices, _ = self.split(x)
+        contacts, columns = self.touched(x), problem.tail.columns
+        moving = [k for k, c in enumerate(contacts) if c.moving]
+        places = np.array([c.time for c in contacts])
+        shapes, slopes, bends = (
+            np.array([c.side for c in contacts]).reshape(a, 1) * problem.tail.rows(places, derivative) for derivative in range(3)
+        )
+        room = np.array([_room(problem, c) for c in contacts])
         inside = room * (1.0 - INSIDE)
-        width = m + 1 + size + n + a
         matrix, values, sizes = np.zeros((width, width)), np.zeros(width), np.ones(width)
         missed, terms = moment_residual(problem, self.levels, np.concatenate([[0.0], s, [time]]))
         b, end = problem.rows(s) if m else np.zeros((size, 0)), problem.rows([time])[:, 0]
@@ -208,28 +237,42 @@ class _State:
         matrix[moments, tail] = -columns
         values[roots], sizes[roots] = costate @ b, np.abs(costate) @ np.abs(b)
         matrix[roots, :m], matrix[roots, lam] = np.diag(problem.derivative(costate) @ b), b.T
-        values[tails], sizes[tails] = costate @ columns + prices @ shapes, np.abs(costate) @ np.abs(columns) + prices @ np.abs(shapes)
-        matrix[tails, lam], matrix[tails, mu] = columns.T, shapes.T
+        values[tails], sizes[tails] = costate @ columns + prices @ shapes, np.abs(costate) @ np.abs(columns) + np.abs(prices) @ np.abs(shapes)
+        matrix[tails, lam], matrix[tails, mu], matrix[tails, end_mu:] = columns.T, shapes.T, (prices[:, None] * slopes)[moving].T
         values[scale] = costate @ problem.target - prices @ room - 1.0
         sizes[scale] = np.abs(costate) @ np.abs(problem.target) + np.abs(prices) @ np.abs(room)
         matrix[scale, lam], matrix[scale, mu] = problem.target, -room
         values[touching], sizes[touching] = shapes @ coefficients - inside, np.abs(shapes) @ np.abs(coefficients) + np.abs(room)
         matrix[touching, tail] = shapes
+        matrix[[scale + 1 + k for k in moving], range(end_mu, width)] = (slopes @ coefficients)[moving]
+        values[still], sizes[still] = (slopes @ coefficients)[moving], (np.abs(slopes) @ np.abs(coefficients))[moving]
+        matrix[still, tail], matrix[still, end_mu:] = slopes[moving], np.diag((bends @ coefficients)[moving])
         sizes[sizes == 0.0] = 1.0
         return values / sizes, matrix / sizes[:, None], float(np.abs(values[moments] / sizes[moments]).max())
 
     def units(self, x: Reals) -> Reals:
         """The size of each unknown: a component of the costate is as large as its share in p, else fast rows would hide the others."""
-        m, _, n, a = self._sizes
-        s, time, costate, coefficients, prices = self.split(x)
+        s, time, costate, coefficients, prices, instants = self.split(x)
         reach = np.abs(self.problem.rows(np.concatenate([[0.0], s, [time]]))).max(axis=1)
         reach[reach == 0.0] = 1.0
         share = np.abs(costate) * reach
         largest = max(float(np.abs(coefficients).max(initial=0.0)), 1e-8 * (self.problem.upper - self.problem.lower))
-        tails = np.full(n, largest)
-        return np.concatenate(
-            [np.full(m + 1, time), np.maximum(share, share.max() * 1e-8) / reach, tails, np.full(a, max(prices, default=1.0) or 1.0)]
-        )
+        tails, contacts = np.full(len(coefficients), largest), np.full(len(prices), max(prices, default=1.0) or 1.0)
+        costates = np.maximum(share, share.max() * 1e-8) / reach
+        return np.concatenate([np.full(len(s) + 1, time), costates, tails, contacts, np.maximum(instants, 1e-8 * time)])
+
+
+def _beyond(problem: Problem, coefficients: Reals) -> tuple[Contact, ...]:
+    """New contacts where a tail is beyond its limits by more than rounding: in its course, or at an instant that is known."""
+    tail = problem.tail
+    known = tail.known
+    instants = np.concatenate([known, tail.exceeded(coefficients)])
+    course, (above, below) = tail.rows(instants) @ coefficients, tail.room(instants)
+    over = np.maximum(course - above, -course - below)
+    if not np.any(over > EXCESS * (problem.upper - problem.lower)):
+        return ()
+    worst = int(np.argmax(over))
+    return (Contact(float(instants[worst]), 1 if course[worst] > 0.0 else -1, 0.0, worst >= len(known)),)
 
 
 def _room(problem: Problem, contact: Contact) -> float:

@@ -48,13 +48,19 @@ class TailSpace:
         """Number of real coefficients n."""
         return sum(zero.multiplicity * (2 if zero.is_flexible else 1) for zero in self.zeros)
 
-    def rows(self, since: Reals) -> Reals:
-        """The tail's deviation from the final rest input at `since` ≥ 0 [s] for each unit coefficient: shape (len(since), n)."""
+    def rows(self, since: Reals, derivative: int = 0) -> Reals:
+        """The tail's deviation from the final rest input at `since` ≥ 0 [s] for each unit coefficient: shape (len(since), n).
+
+        Or its first, second, … `derivative` by time [1/s, 1/s², …]: that of `r^l/l! e^{zr}` is `Σ_i C(d, i) z^{d-i} r^{l-i}/(l-i)! e^{zr}`.
+        """
         r = np.atleast_1d(np.asarray(since, dtype=float))
         columns = []
         for zero in self.zeros:
+            decay = np.exp(zero.value * r)
+            chain = [r**power / factorial(power) * decay for power in range(zero.multiplicity)]
             for power in range(zero.multiplicity):
-                values = r**power / factorial(power) * np.exp(zero.value * r)
+                lower = range(min(derivative, power) + 1)
+                values = sum(comb(derivative, i) * zero.value ** (derivative - i) * chain[power - i] for i in lower) + 0j
                 columns.append(values.real)
                 if zero.is_flexible:
                     columns.append(-values.imag)
@@ -70,6 +76,11 @@ class TailSpace:
             above[late], below[late] = np.minimum(above[late], tight), np.minimum(below[late], tight)
         return above, below
 
+    @property
+    def known(self) -> Reals:
+        """Instants [s] at which the limits begin, or change: there a tail may be on one with any slope."""
+        return np.unique([0.0] + ([self.length.time] if self.length is not None else [])) if self.zeros else np.zeros(0)
+
     def looks(self) -> Reals:
         """Instants [s] at which the limits are first imposed: dense at the beginning, as long as anything is left."""
         if not self.zeros:
@@ -78,8 +89,7 @@ class TailSpace:
         most = max(zero.multiplicity for zero in self.zeros)
         last = (LASTING + 4 * most) / slowest
         instants = np.concatenate([[0.0], np.geomspace(1e-4 * last, last, LOOKS)])
-        extra = [self.length.time] if self.length is not None else []
-        return np.unique(np.concatenate([instants, extra]))
+        return np.union1d(instants, self.known)
 
     def peaks(self, coefficients: Reals) -> Reals:
         """Instants [s] at which a tail has its local extremes: where a limit may be exceeded between the looks."""
