@@ -33,7 +33,7 @@ Reals = NDArray[np.float64]
 MARGINS = (2e-14, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5)
 """Relative distance of a lower claim from the floating-point bound: the closest one that the checker accepts is claimed."""
 
-RADII = (1e-18, 1e-14, 1e-10, 1e-8)
+RADII = (1e-22, 1e-14, 1e-10, 1e-8)
 """Radii of Krawczyk's test relative to the maneuver time."""
 
 BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 1e-4)
