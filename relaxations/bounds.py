@@ -101,7 +101,7 @@ class GridMinimum:
     settled: bool = False  # the search ended early: what came of the last solution is all that was wanted
 
 
-TOUCHING = 1e-6  # price times room, of a target's 1: smaller ones are what an interior-point method leaves anywhere
+TOUCHING = 1e-6  # price times the size of the tail's terms, of a target's 1: smaller ones are what an interior-point method leaves anywhere
 CUTS = 6  # rounds of cutting planes for the tail's limits
 FLAT = 1e-3  # d log α/d log T below which α says nothing about the time
 NEAR, EARLY = 0.05, 2  # of log α: Newton's method on the switches is tried from there on, so often
@@ -196,8 +196,7 @@ def contacts(problem: Problem, solution: programs.GridSolution) -> TailStart:
     found: dict[tuple[float, int], float] = {}
     for t, above, below in solution.tail_multipliers:
         side, multiplier = (1, above) if above > below else (-1, below)
-        room = tail.room(np.array([t]))[0 if side > 0 else 1][0]
-        if multiplier * room <= TOUCHING:
+        if multiplier * float((np.abs(tail.rows(np.array([t]))) @ np.abs(coefficients))[0]) <= TOUCHING:
             continue
         places = np.concatenate([known, peaks[upward == (side > 0)]])
         near = float(places[np.argmin(np.abs(places - t))])

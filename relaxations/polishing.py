@@ -23,7 +23,7 @@ ITERATIONS = 30
 MOST_EQUATIONS = 250  # the dense system of so many is solved in seconds
 SHARES = (1, 0.5, 0.25, 0.125, 2.0**-4, 2.0**-6, 2.0**-8)
 DIGITS = 45  # of the numbers handed on
-INSIDE = Fraction(1, 10**30)  # of its room: how far a tail that touches a limit is kept inside it
+INSIDE = Fraction(1, 10**30)  # of the input's range: how far a tail that touches a limit is kept inside it
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +204,7 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
         values[size + m + n] = scaled - sum((p * r for p, r in zip(prices, room, strict=True)), arb(0)) - 1
         for k in range(a):
             matrix[size + m + n][mu + k] = -room[k]
-            inside = room[k] * (1 - arb(_q(INSIDE)))
+            inside = room[k] - arb(_q(INSIDE * (problem.maneuver.limits.upper - problem.maneuver.limits.lower)))
             values[size + m + n + 1 + k] = sum((shapes[k][j] * c[j] for j in range(n)), arb(0)) - inside
             for j in range(n):
                 matrix[size + m + n + 1 + k][tail + j] = shapes[k][j]

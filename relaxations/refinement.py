@@ -26,7 +26,7 @@ ROUNDING = 1e-11  # relative residual of the moments below which Newton may stop
 
 
 EXCESS = 1e-10  # of the input's range: a tail so far beyond a limit is beyond it, and not by rounding
-INSIDE = 2e-13  # of its room: how far a tail that touches a limit is kept inside it, so that the inequality can be proven strict
+INSIDE = 2e-13  # of the input's range: how far a tail that touches a limit is kept inside it, so that the inequality can be proven strict
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +228,7 @@ class _State:
             np.array([c.side for c in contacts]).reshape(a, 1) * problem.tail.rows(places, derivative) for derivative in range(3)
         )
         room = np.array([_room(problem, c) for c in contacts])
-        inside = room * (1.0 - INSIDE)
+        inside = room - INSIDE * (problem.upper - problem.lower)
         matrix, values, sizes = np.zeros((width, width)), np.zeros(width), np.ones(width)
         missed, terms = moment_residual(problem, self.levels, np.concatenate([[0.0], s, [time]]))
         b, end = problem.rows(s) if m else np.zeros((size, 0)), problem.rows([time])[:, 0]
@@ -242,7 +242,7 @@ class _State:
         values[scale] = costate @ problem.target - prices @ room - 1.0
         sizes[scale] = np.abs(costate) @ np.abs(problem.target) + np.abs(prices) @ np.abs(room)
         matrix[scale, lam], matrix[scale, mu] = problem.target, -room
-        values[touching], sizes[touching] = shapes @ coefficients - inside, np.abs(shapes) @ np.abs(coefficients) + np.abs(room)
+        values[touching], sizes[touching] = shapes @ coefficients - inside, np.abs(shapes) @ np.abs(coefficients) + np.abs(inside)
         matrix[touching, tail] = shapes
         matrix[[scale + 1 + k for k in moving], range(end_mu, width)] = (slopes @ coefficients)[moving]
         values[still], sizes[still] = (slopes @ coefficients)[moving], (np.abs(slopes) @ np.abs(coefficients))[moving]
