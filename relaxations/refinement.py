@@ -213,7 +213,7 @@ class _State:
         )
 
     def linearise(self, x: Reals) -> tuple[Reals, Reals, float]:
-        """Residuals and their Jacobian, every row divided by the size of its terms, and the moments' relative residual."""
+        """Residuals and their Jacobian, every row divided by the size of its terms, and the relative residual of moments and contacts."""
         problem, at = self.problem, slice
         m, _, end_lam, end_c, end_mu, width = self._ends
         lam, tail, mu = at(m + 1, end_lam), at(end_lam, end_c), at(end_c, end_mu)
@@ -237,7 +237,8 @@ class _State:
         matrix[moments, tail] = -columns
         values[roots], sizes[roots] = costate @ b, np.abs(costate) @ np.abs(b)
         matrix[roots, :m], matrix[roots, lam] = np.diag(problem.derivative(costate) @ b), b.T
-        values[tails], sizes[tails] = costate @ columns + prices @ shapes, np.abs(costate) @ np.abs(columns) + np.abs(prices) @ np.abs(shapes)
+        values[tails] = costate @ columns + prices @ shapes
+        sizes[tails] = np.abs(costate) @ np.abs(columns) + np.abs(prices) @ np.abs(shapes)
         matrix[tails, lam], matrix[tails, mu], matrix[tails, end_mu:] = columns.T, shapes.T, (prices[:, None] * slopes)[moving].T
         values[scale] = costate @ problem.target - prices @ room - 1.0
         sizes[scale] = np.abs(costate) @ np.abs(problem.target) + np.abs(prices) @ np.abs(room)
@@ -248,7 +249,8 @@ class _State:
         values[still], sizes[still] = (slopes @ coefficients)[moving], (np.abs(slopes) @ np.abs(coefficients))[moving]
         matrix[still, tail], matrix[still, end_mu:] = slopes[moving], np.diag((bends @ coefficients)[moving])
         sizes[sizes == 0.0] = 1.0
-        return values / sizes, matrix / sizes[:, None], float(np.abs(values[moments] / sizes[moments]).max())
+        values /= sizes
+        return values, matrix / sizes[:, None], float(np.abs(np.concatenate([values[moments], values[touching]])).max())
 
     def units(self, x: Reals) -> Reals:
         """The size of each unknown: a component of the costate is as large as its share in p, else fast rows would hide the others."""
