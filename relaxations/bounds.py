@@ -22,7 +22,8 @@ from relaxations.duality import lower_bound
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.grids import grid
 from relaxations.maneuvers import Problem
-from relaxations.refinement import Contact, Extremal, Failure, TailStart, refine
+from relaxations.refinement import Extremal, Failure, refine
+from relaxations.tails import Contact, TailStart
 
 Reals = NDArray[np.float64]
 
@@ -181,7 +182,9 @@ def _tail_only(problem: Problem) -> Reals | None:
     above, below = tail.room(tail.looks())
     course = tail.rows(tail.looks()) @ coefficients
     slack = 1e-12 * (problem.upper - problem.lower)  # a tail may begin on a limit exactly; the proof decides
-    return coefficients if np.all(course <= above + slack) and np.all(-course <= below + slack) else None
+    over = [*(course - above - slack), *(-course - below - slack)]
+    over += [size - cap.bound * (1.0 + 1e-12) for cap, size in zip(tail.caps, tail.sizes(coefficients), strict=True)]
+    return coefficients if max(over) <= 0.0 else None
 
 
 def _refined(problem: Problem, start: programs.GridSolution) -> Extremal | Failure:
@@ -201,7 +204,10 @@ def contacts(problem: Problem, solution: programs.GridSolution) -> TailStart:
         places = np.concatenate([known, peaks[upward == (side > 0)]])
         near = float(places[np.argmin(np.abs(places - t))])
         found[near, side] = found.get((near, side), 0.0) + multiplier
-    return TailStart(coefficients, tuple(Contact(t, side, mu, t not in known) for (t, side), mu in found.items()))
+    touching = [Contact(t, side, mu, t not in known) for (t, side), mu in found.items()]
+    prices = zip(tail.caps, solution.cap_prices, strict=True)
+    touching += [tail.capped(k, coefficients, price) for k, (cap, price) in enumerate(prices) if price * cap.bound > TOUCHING]
+    return TailStart(coefficients, tuple(touching))
 
 
 def instants(problem: Problem, horizon: float, settings: Settings) -> Reals:

@@ -60,6 +60,9 @@ def task(problem: Problem) -> dict[str, Any]:
         "limits": {
             "input": [text(maneuver.limits.lower), text(maneuver.limits.upper)],
             "tail_length": length and {"time": text(length[0]), "within": text(length[1])},
+            "zero_sensitivity": {
+                name: {"shift": text(shift), "residual": text(residual)} for name, (shift, residual) in maneuver.zero_sensitivity.items()
+            },
         },
         "initial_input": text(maneuver.rest),
     }

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from relaxations.errors import ManeuverError
 from relaxations.moments import Basis
 from relaxations.plants import Exact, LinearPlant, Pole, exact, roots
-from relaxations.tails import TailLength, TailSpace, tail_columns
+from relaxations.tails import TailLength, TailSpace, caps, tail_columns
 
 Reals = NDArray[np.float64]
 
@@ -44,7 +44,8 @@ class Maneuver:
     `robustness` further zeros are placed at every flexible mode, or as many as a mapping says: `{"mode[1]": 1, "real[2]": 1}`
     (flexible modes by ascending frequency, real poles by ascending magnitude). With `tail` only the output has to rest, and the input may
     decay along the stable zeros; `tail_length` (time [s] after the move, fraction of the nearer limit's distance from the final rest input)
-    limits how long.
+    limits how long. `zero_sensitivity` limits what a tail moves the output if a zero is not quite where it should be: (shift, residual) by
+    the name of a zero, `zero[i]` by ascending magnitude, both fractions, of the zero's magnitude and of the displacement.
     """
 
     displacement: Fraction
@@ -53,6 +54,7 @@ class Maneuver:
     robustness: int | Mapping[str, int] = 0
     tail: bool = False
     tail_length: tuple[Fraction, Fraction] | None = None
+    zero_sensitivity: Mapping[str, tuple[Fraction, Fraction]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,10 +163,11 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
                 "the plant could not stay at rest there"
             )
     sets = tuple(target_set(plant, maneuver) for plant in plants)
-    zeros = tuple(zero for zero in plants[0].zeros if zero.value.real < 0) if maneuver.tail else ()
+    stable = tuple(zero for zero in plants[0].zeros if zero.value.real < 0) if maneuver.tail else ()
+    zeros, limited = caps(plants[0], stable, _sensitivities(plants[0], maneuver), maneuver.displacement)
     final = maneuver.rest + hold
     length = None if maneuver.tail_length is None else TailLength(*map(float, maneuver.tail_length))
-    tail = TailSpace(zeros, tail_columns(tuple(own.basis for own in sets), zeros), float(high - final), float(final - low), length)
+    tail = TailSpace(zeros, tail_columns(tuple(own.basis for own in sets), zeros), float(high - final), float(final - low), length, limited)
     return Problem(
         float(low - maneuver.rest),
         float(high - maneuver.rest),
@@ -176,6 +179,21 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         float(maneuver.rest),
         tuple(note for plant in plants for note in plant.notes),
     )
+
+
+def _sensitivities(plant: LinearPlant, maneuver: Maneuver) -> dict[complex, tuple[Fraction, Fraction]]:
+    """What is asked of a tail at zeros that may be elsewhere, by their values; raises `ManeuverError` for those that have no tail."""
+    asked, named = maneuver.zero_sensitivity, {f"zero[{i}]": zero.value for i, zero in enumerate(plant.zeros, 1)}
+    if asked and not maneuver.tail:
+        raise ManeuverError("sensitivity to a zero's place is a matter of the tail: it needs an output rest, tail = true")
+    without = sorted(name for name in asked if name not in named or named[name].real >= 0)
+    if without:
+        usable = [f"{name} ({value.real:.6g}{f' ± {value.imag:.6g} j' if value.imag else ''})" for name, value in named.items() if value.real < 0]
+        raise ManeuverError(f"a tail decays along {', '.join(usable) or 'no zero'} of this plant, not along {', '.join(without)}")
+    wrong = [name for name, (shift, residual) in asked.items() if not (shift > 0 and residual >= 0)]
+    if wrong:
+        raise ManeuverError(f"a shift of {', '.join(wrong)} is more than 0, a residual 0 or more")
+    return {named[name]: sensitivity for name, sensitivity in asked.items()}
 
 
 def _visible(plant: LinearPlant) -> LinearPlant:

@@ -17,13 +17,14 @@ from flint import acb, arb, arb_mat, fmpq
 from relaxations.maneuvers import Problem
 from relaxations.plants import Pole, precision
 from relaxations.refinement import Extremal
+from relaxations.tails import Contact, cap_bound
 
 BITS, BITS_PER_EQUATION = 192, 4  # the condition of a chain's equations grows with every mode
 ITERATIONS = 30
 MOST_EQUATIONS = 250  # the dense system of so many is solved in seconds
 SHARES = (1, 0.5, 0.25, 0.125, 2.0**-4, 2.0**-6, 2.0**-8)
 DIGITS = 45  # of the numbers handed on
-INSIDE = Fraction(1, 10**30)  # of the input's range: how far a tail that touches a limit is kept inside it
+INSIDE = Fraction(1, 10**30)  # of the input's range, or a cap: how far a tail that touches a limit is kept inside it
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +84,24 @@ class _Exact:
                 value = sum((comb(derivative, i) * zero ** (derivative - i) * chain[power - i] for i in lower), acb(0))
                 out += [value.real, -value.imag] if flexible else [value.real]
         return out
+
+
+    def touching(self, problem: Problem, contact: Contact, place: arb, derivative: int) -> list[arb]:
+        """`TailSpace.touching` of one contact."""
+        if contact.cap is None:
+            return [contact.side * value for value in self.shape(place, derivative)]
+        row, turned = [arb(0)] * len(self.columns), place + derivative * arb.pi() / 2
+        for j, value in zip(problem.tail.caps[contact.cap].at, (turned.cos(), turned.sin()), strict=False):
+            row[j] = contact.side * value
+        return row
+
+    def allowance(self, problem: Problem, contact: Contact) -> arb:
+        """`TailSpace.allowance` of one contact."""
+        if contact.cap is None:
+            return arb(_q(_exact_room(problem, contact.place, contact.side)))
+        (plant,), cap = problem.plants, problem.tail.caps[contact.cap]
+        zero, multiplicity, _ = self.zeros[cap.zero]
+        return cap_bound(plant, zero, multiplicity, cap.sensitivity, problem.maneuver.displacement).mid()
 
 
 def _q(value: Fraction) -> fmpq:
@@ -156,21 +175,20 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
         *extremal.costate,
         *extremal.tail.coefficients,
         *(c.multiplier for c in contacts),
-        *(contacts[k].time for k in moving),
+        *(contacts[k].place for k in moving),
     ]
     x = [arb(float(value)) for value in x]
-    room = [arb(_q(_exact_room(problem, c.time, c.side))) for c in contacts]
+    room = [exact.allowance(problem, c) for c in contacts]
+    scale = [arb(_q(problem.maneuver.limits.upper - problem.maneuver.limits.lower)) if c.cap is None else room[k] for k, c in enumerate(contacts)]
     lam, tail, mu, tau = m + 1, m + 1 + size, m + 1 + size + n, m + 1 + size + n + a
     width = tau + len(moving)
     distance = None
     for _ in range(ITERATIONS):
         s, time, costate, c, prices = x[:m], x[m], x[lam:tail], x[tail:mu], x[mu:tau]
-        instants = [arb(contact.time) for contact in contacts]
+        places = [arb(contact.place) for contact in contacts]
         for place, k in enumerate(moving, tau):
-            instants[k] = x[place]
-        shapes, slopes, bends = (
-            [[c.side * value for value in exact.shape(r, d)] for c, r in zip(contacts, instants, strict=True)] for d in range(3)
-        )
+            places[k] = x[place]
+        shapes, slopes, bends = ([exact.touching(problem, c, r, d) for c, r in zip(contacts, places, strict=True)] for d in range(3))
         matrix = [[arb(0)] * width for _ in range(width)]
         values = [arb(0)] * width
         table = [exact.rows(at, True) for at in (*s, time)]
@@ -204,7 +222,7 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
         values[size + m + n] = scaled - sum((p * r for p, r in zip(prices, room, strict=True)), arb(0)) - 1
         for k in range(a):
             matrix[size + m + n][mu + k] = -room[k]
-            inside = room[k] - arb(_q(INSIDE * (problem.maneuver.limits.upper - problem.maneuver.limits.lower)))
+            inside = room[k] - arb(_q(INSIDE)) * scale[k]
             values[size + m + n + 1 + k] = sum((shapes[k][j] * c[j] for j in range(n)), arb(0)) - inside
             for j in range(n):
                 matrix[size + m + n + 1 + k][tail + j] = shapes[k][j]
@@ -235,11 +253,11 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
     if any(after <= before for before, after in zip(starts, (*starts[1:], time), strict=True)):
         return None
     prices = [max(value, Fraction(0)) for value in numbers[mu:tau]]
-    at = [Fraction(contact.time) for contact in contacts]
+    at = [Fraction(contact.place) for contact in contacts]
     for place, k in enumerate(moving, tau):
         at[k] = max(numbers[place], Fraction(0))
-    triples = zip(contacts, at, prices, strict=True)
-    pairs = tuple((r, price, Fraction(0)) if c.side > 0 else (r, Fraction(0), price) for c, r, price in triples)
+    triples = [(c.side, r, price) for c, r, price in zip(contacts, at, prices, strict=True) if c.cap is None]
+    pairs = tuple((r, price, Fraction(0)) if side > 0 else (r, Fraction(0), price) for side, r, price in triples)
     return Polished(time, starts, tuple(numbers[lam:tail]), tuple(numbers[tail:mu]), pairs)
 
 
@@ -254,6 +272,7 @@ def _level(problem: Problem, deviation: float) -> Fraction:
 
 
 def _exact_room(problem: Problem, since: float, side: int) -> Fraction:
+    """How far a tail may be from its rest value, above or below."""
     maneuver = problem.maneuver
     final = maneuver.rest + problem.plants[0].rest_input(maneuver.displacement)
     above, below = maneuver.limits.upper - final, final - maneuver.limits.lower

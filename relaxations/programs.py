@@ -2,11 +2,12 @@
 
 At a fixed maneuver time the *reachable fraction* α of the target is maximised (../docs/theory.md, section 2):
 
-    maximise α   subject to   Q u = α q + S c,   u_k = Σ_{i≤k} A_i,   lower ≤ u ≤ upper,   -α below_i ≤ (E c)_i ≤ α above_i
+    maximise α   subject to   Q u = α q + S c,   u_k = Σ_{i≤k} A_i,   lower ≤ u ≤ upper,   -α below_i ≤ (E c)_i ≤ α above_i,   |c_k| ≤ α cap_k
 
 over the impulse amplitudes A, that is, over the staircase u that they add up to (the solver's variables are the values u: with A as further
 variables, linked sparsely, 10⁵ intervals take twice as long), and over the coefficients c of the tail, whose limits are imposed at instants
-after the move and scale with α on both sides (unscaled, α would have a ceiling where the final rest input lies on a limit). The rows are
+after the move and scale with α on both sides (unscaled, α would have a ceiling where the final rest input lies on a limit), as do the caps on
+the moduli of single coefficients (a cone where that is complex, the only rows that are not linear). The rows are
 orthonormal, so that no scaling of poles, time or units is left in them, and the program is always feasible. Solver status is never
 evidence: what comes out is a candidate.
 """
@@ -46,7 +47,7 @@ class GridProgram:
 
     `instants` (N + 1,) of the grid [s] from 0 to the maneuver time, `rows` (m, N) orthonormal, `target` (m,), `basis_change` R with
     rows = R^{-T} · table, limits in input units; of the tail `columns` (m, n) in the same rows, and at the instants `looks` (k,) [s] after
-    the move its `shapes` (k, n) and the room `above` and `below` (k,).
+    the move its `shapes` (k, n) and the room `above` and `below` (k,), and the bounds of its caps with the places of what they bound.
     """
 
     instants: Reals
@@ -60,6 +61,8 @@ class GridProgram:
     shapes: Reals
     above: Reals
     below: Reals
+    caps: Reals
+    capped: tuple[tuple[int, ...], ...]
 
     @property
     def maneuver_time(self) -> float:
@@ -71,8 +74,8 @@ class GridProgram:
 class GridSolution:
     """What the solver found: fraction α, levels u (N,) in deviations, tail coefficients (n,), and the multipliers.
 
-    `costate` λ (size,) belongs to the moment equations, `mu_above` and `mu_below` (k,) ≥ 0 to the tail's limits, scaled to
-    `λᵀ target - Σ μ⁺ above - Σ μ⁻ below = 1`.
+    `costate` λ (size,) belongs to the moment equations, `mu_above` and `mu_below` (k,) ≥ 0 to the tail's limits, `cap_prices` ≥ 0 to its caps,
+    scaled to `λᵀ target - Σ μ⁺ above - Σ μ⁻ below - Σ prices caps = 1`.
     """
 
     program: GridProgram
@@ -82,6 +85,7 @@ class GridSolution:
     costate: Reals
     mu_above: Reals
     mu_below: Reals
+    cap_prices: Reals
     status: str
 
     @property
@@ -101,9 +105,9 @@ class GridSolution:
         return tuple((float(t), float(above), float(below)) for t, above, below in triples if above > 0.0 or below > 0.0)
 
     def price(self, problem: Problem) -> float:
-        """`Σ μ⁺ above + Σ μ⁻ below`: what the tail's limits take off the costate's target."""
+        """`Σ μ⁺ above + Σ μ⁻ below + Σ prices caps`: what the tail's limits take off the costate's target."""
         del problem
-        return float(self.mu_above @ self.program.above + self.mu_below @ self.program.below)
+        return float(self.mu_above @ self.program.above + self.mu_below @ self.program.below + self.cap_prices @ self.program.caps)
 
     @property
     def residual(self) -> float:
@@ -135,11 +139,13 @@ def build(problem: Problem, instants: Reals, looks: Reals | None = None, inside:
     columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
     at = problem.tail.looks() if looks is None else looks
     shapes, (above, below) = problem.tail.rows(at), (room * (1.0 - inside) for room in problem.tail.room(at))
-    return GridProgram(instants, orthonormal.T, target, change, problem.lower, problem.upper, columns, at, shapes, above, below)
+    caps, capped = np.array([cap.bound for cap in problem.tail.caps]) * (1.0 - inside), tuple(cap.at for cap in problem.tail.caps)
+    limits = problem.lower, problem.upper
+    return GridProgram(instants, orthonormal.T, target, change, *limits, columns, at, shapes, above, below, caps, capped)
 
 
 @lru_cache(maxsize=16)
-def _compiled(size: int, cells: int, coefficients: int, looks: int) -> dict[str, Any]:
+def _compiled(size: int, cells: int, coefficients: int, looks: int, capped: tuple[tuple[int, ...], ...]) -> dict[str, Any]:
     """The parametrised cvxpy problem of one shape, compiled once (a re-solve then costs a tenth)."""
     import cvxpy as cp
 
@@ -156,6 +162,8 @@ def _compiled(size: int, cells: int, coefficients: int, looks: int) -> dict[str,
         shape = named["shapes"] @ named["tail"]
         named |= {"ceiling": shape <= fraction * named["above"], "floor": -shape <= fraction * named["below"]}
         limits += [named["ceiling"], named["floor"]]
+        named |= {"caps": cp.Parameter(len(capped))} if capped else {}
+        limits += [cp.norm(named["tail"][list(at)], 2) <= fraction * named["caps"][k] for k, at in enumerate(capped)]
     named["reach"] = named["rows"] @ levels == landed
     named["problem"] = cp.Problem(cp.Maximize(fraction), [named["reach"], *limits])
     return named
@@ -167,7 +175,7 @@ def solve(program: GridProgram) -> GridSolution:
     from cvxpy.error import SolverError as NotSolvedError
 
     (looks, coefficients), cells = program.shapes.shape, program.rows.shape[1]
-    compiled = _compiled(*program.rows.shape, coefficients, looks if coefficients else 0)
+    compiled = _compiled(*program.rows.shape, coefficients, looks if coefficients else 0, program.capped)
     # Levels are measured in half the actuator's range, the target in its own length, a tail coefficient in what fills that range: every
     # number is then of order one.
     half = (program.upper - program.lower) / 2
@@ -176,8 +184,11 @@ def solve(program: GridProgram) -> GridSolution:
     unit = np.ones(0)
     if coefficients:
         unit = 1.0 / np.abs(program.shapes).max(axis=0)
+        for at, cap in zip(program.capped, program.caps, strict=True):
+            unit[list(at)] = min(*unit[list(at)], cap / half)
         values |= {"columns": program.columns * unit, "shapes": program.shapes * unit}
         values |= {"above": program.above / length, "below": program.below / length}
+        values |= {"caps": program.caps / (length * unit[[at[0] for at in program.capped]])} if program.capped else {}
     for name, value in values.items():
         compiled[name].value = value
     with warnings.catch_warnings():
@@ -198,7 +209,10 @@ def solve(program: GridProgram) -> GridSolution:
     prices = (
         [np.maximum(np.asarray(compiled[name].dual_value), 0.0) for name in ("ceiling", "floor")] if coefficients else [np.zeros(looks)] * 2
     )
-    scale = float(multiplier @ program.target - prices[0] @ program.above - prices[1] @ program.below)
+    # What the tail's equalities leave of the costate at a coefficient, its cap holds.
+    left = program.columns.T @ multiplier + program.shapes.T @ (prices[0] - prices[1])
+    held = np.array([np.hypot.reduce(left[list(at)]) for at in program.capped])
+    scale = float(multiplier @ program.target - prices[0] @ program.above - prices[1] @ program.below - held @ program.caps)
     if scale <= 0.0:
         raise SolverError(f"the multipliers at T = {program.maneuver_time!r} s vanish on the target")
     return GridSolution(
@@ -209,5 +223,6 @@ def solve(program: GridProgram) -> GridSolution:
         np.linalg.solve(program.basis_change, multiplier / scale).astype(np.float64),
         prices[0] / scale,
         prices[1] / scale,
+        held / scale,
         status,
     )

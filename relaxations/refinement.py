@@ -8,7 +8,7 @@ and solved in the least-squares sense.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from relaxations.commands import Command, Segment, Tail
 from relaxations.duality import costate_roots
 from relaxations.maneuvers import Problem
+from relaxations.tails import NO_TAIL, Contact, TailStart
 
 Reals = NDArray[np.float64]
 
@@ -25,32 +26,8 @@ MOST_SWITCHES = 1500  # the dense system for them still fits the memory, and tak
 ROUNDING = 1e-11  # relative residual of the moments below which Newton may stop, as soon as it gains nothing more
 
 
-EXCESS = 1e-10  # of the input's range: a tail so far beyond a limit is beyond it, and not by rounding
-INSIDE = 2e-13  # of the input's range: how far a tail that touches a limit is kept inside it, so that the inequality can be proven strict
-
-
-@dataclass(frozen=True, slots=True)
-class Contact:
-    """An instant [s] after the move at which the tail is on its upper (side 1) or lower (side -1) limit, and the multiplier μ ≥ 0 there.
-
-    In the tail's course it touches the limit with slope zero at an instant that is unknown: the contact is `moving`.
-    """
-
-    time: float
-    side: int
-    multiplier: float
-    moving: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class TailStart:
-    """A tail to start from: coefficients (n,), and where it touches its limits."""
-
-    coefficients: Reals
-    contacts: tuple[Contact, ...]
-
-
-NO_TAIL = TailStart(np.zeros(0), ())
+EXCESS = 1e-10  # of the input's range, or a cap: a tail so far beyond a limit is beyond it, and not by rounding
+INSIDE = 2e-13  # of the input's range, or a cap: how far a tail that touches a limit is kept inside it, so that the inequality can be proven strict
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +60,13 @@ class Extremal:
 
     @property
     def tail_multipliers(self) -> tuple[tuple[float, float, float], ...]:
-        """(instant after the move [s], μ⁺, μ⁻) of every contact."""
-        return tuple((c.time, c.multiplier, 0.0) if c.side > 0 else (c.time, 0.0, c.multiplier) for c in self.tail.contacts)
+        """(instant after the move [s], μ⁺, μ⁻) of every contact with a limit of the input."""
+        on = [c for c in self.tail.contacts if c.cap is None]
+        return tuple((c.place, c.multiplier, 0.0) if c.side > 0 else (c.place, 0.0, c.multiplier) for c in on)
 
     def price(self, problem: Problem) -> float:
         """What the contacts take off the costate's target: `Σ μ room`."""
-        return sum(contact.multiplier * _room(problem, contact) for contact in self.tail.contacts)
+        return float(np.array([contact.multiplier for contact in self.tail.contacts]) @ problem.tail.allowance(self.tail.contacts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +120,7 @@ def _newton(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSt
     if len(switches) > MOST_SWITCHES:
         return Failure(f"{len(switches)} switches are more than Newton's method is tried for ({MOST_SWITCHES})")
     state = _State(problem, _levels(problem, last, len(switches)), tail.contacts)
-    moving = [c.time for c in tail.contacts if c.moving]
+    moving = [c.place for c in tail.contacts if c.moving]
     x = np.concatenate([switches, [maneuver_time], costate, tail.coefficients, [c.multiplier for c in tail.contacts], moving])
     count, best, relative = len(switches), np.inf, np.inf
     for iteration in range(ITERATIONS):
@@ -174,18 +152,18 @@ def _newton(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSt
         reason = f"{count} switches: a multiplier of the tail's limits is negative, so its contacts are not extremal"
         return Failure(reason, (multiplier, time, TailStart(coefficients, kept)))
     if others := _beyond(problem, coefficients):
-        reason = f"{count} switches: the tail is beyond its limits {others[0].time:.3g} s after the move"
+        reason = f"{count} switches: the tail is beyond its limits"
         return Failure(reason, (multiplier, time, TailStart(coefficients, (*contacts, *others))))
     return Extremal(time, s, float(last), multiplier, relative, iteration, TailStart(coefficients, contacts))
 
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """The square system of an extremal: unknown are s (m), T, λ (size), tail coefficients c (n), contact multipliers μ (a) and the instants
+    """The square system of an extremal: unknown are s (m), T, λ (size), tail coefficients c (n), contact multipliers μ (a) and the places
     τ (k) of the contacts that move.
 
-    Rows: moments `∫ b u = target + G c`; `p(s_i) = 0`; `λᵀ G + Σ μ e = 0`; `λᵀ target - Σ μ room = 1`; `e(τ) c = room` at the contacts, and
-    `e'(τ) c = 0` at those that move.
+    Rows: moments `∫ b u = target + G c`; `p(s_i) = 0`; `λᵀ G + Σ μ e = 0`; `λᵀ target - Σ μ allowance = 1`; `e(τ) c = allowance` at the
+    contacts, and `e'(τ) c = 0` at those that move.
     """
 
     problem: Problem
@@ -204,13 +182,10 @@ class _State:
         return s, float(time[0]), costate, coefficients, prices, instants
 
     def touched(self, x: Reals) -> tuple[Contact, ...]:
-        """The contacts with their multipliers and instants."""
-        *_, prices, instants = self.split(x)
-        moved = iter(instants)
-        return tuple(
-            Contact(float(next(moved)) if c.moving else c.time, c.side, float(mu), c.moving)
-            for c, mu in zip(self.contacts, prices, strict=True)
-        )
+        """The contacts with their multipliers and places."""
+        *_, prices, places = self.split(x)
+        moved, priced = iter(places), zip(self.contacts, prices, strict=True)
+        return tuple(replace(c, place=float(next(moved)) if c.moving else c.place, multiplier=float(mu)) for c, mu in priced)
 
     def linearise(self, x: Reals) -> tuple[Reals, Reals, float]:
         """Residuals and their Jacobian, every row divided by the size of its terms, and the relative residual of moments and contacts."""
@@ -223,12 +198,9 @@ class _State:
         s, time, costate, coefficients, prices, _ = self.split(x)
         contacts, columns = self.touched(x), problem.tail.columns
         moving = [k for k, c in enumerate(contacts) if c.moving]
-        places = np.array([c.time for c in contacts])
-        shapes, slopes, bends = (
-            np.array([c.side for c in contacts]).reshape(a, 1) * problem.tail.rows(places, derivative) for derivative in range(3)
-        )
-        room = np.array([_room(problem, c) for c in contacts])
-        inside = room - INSIDE * (problem.upper - problem.lower)
+        shapes, slopes, bends = (problem.tail.touching(contacts, derivative) for derivative in range(3))
+        room = problem.tail.allowance(contacts)
+        inside = room - INSIDE * np.array([problem.upper - problem.lower if c.cap is None else r for c, r in zip(contacts, room, strict=True)])
         matrix, values, sizes = np.zeros((width, width)), np.zeros(width), np.ones(width)
         missed, terms = moment_residual(problem, self.levels, np.concatenate([[0.0], s, [time]]))
         b, end = problem.rows(s) if m else np.zeros((size, 0)), problem.rows([time])[:, 0]
@@ -254,19 +226,24 @@ class _State:
 
     def units(self, x: Reals) -> Reals:
         """The size of each unknown: a component of the costate is as large as its share in p, else fast rows would hide the others."""
-        s, time, costate, coefficients, prices, instants = self.split(x)
+        s, time, costate, coefficients, prices, places = self.split(x)
         reach = np.abs(self.problem.rows(np.concatenate([[0.0], s, [time]]))).max(axis=1)
         reach[reach == 0.0] = 1.0
         share = np.abs(costate) * reach
         largest = max(float(np.abs(coefficients).max(initial=0.0)), 1e-8 * (self.problem.upper - self.problem.lower))
         tails, contacts = np.full(len(coefficients), largest), np.full(len(prices), max(prices, default=1.0) or 1.0)
         costates = np.maximum(share, share.max() * 1e-8) / reach
-        return np.concatenate([np.full(len(s) + 1, time), costates, tails, contacts, np.maximum(instants, 1e-8 * time)])
+        moving = [c for c in self.contacts if c.moving]
+        turns = [1.0 if c.cap is not None else max(place, 1e-8 * time) for c, place in zip(moving, places, strict=True)]
+        return np.concatenate([np.full(len(s) + 1, time), costates, tails, contacts, turns])
 
 
 def _beyond(problem: Problem, coefficients: Reals) -> tuple[Contact, ...]:
-    """New contacts where a tail is beyond its limits by more than rounding: in its course, or at an instant that is known."""
+    """New contacts where a tail is beyond its limits by more than rounding: a cap, the input's in its course or at an instant known."""
     tail = problem.tail
+    for k, (cap, size) in enumerate(zip(tail.caps, tail.sizes(coefficients), strict=True)):
+        if size > cap.bound * (1.0 + EXCESS):
+            return (tail.capped(k, coefficients, 0.0),)
     known = tail.known
     instants = np.concatenate([known, tail.exceeded(coefficients)])
     course, (above, below) = tail.rows(instants) @ coefficients, tail.room(instants)
@@ -275,11 +252,6 @@ def _beyond(problem: Problem, coefficients: Reals) -> tuple[Contact, ...]:
         return ()
     worst = int(np.argmax(over))
     return (Contact(float(instants[worst]), 1 if course[worst] > 0.0 else -1, 0.0, worst >= len(known)),)
-
-
-def _room(problem: Problem, contact: Contact) -> float:
-    above, below = problem.tail.room(np.array([contact.time]))
-    return float(above[0] if contact.side > 0 else below[0])
 
 
 def _ordered(instants: Reals) -> bool:

@@ -60,11 +60,13 @@ def repair(problem: Problem, solution: GridSolution, snap: float = SNAP) -> Repa
     table = integrated[:, :-1] - integrated[:, 1:]
     size, tail = problem.size, solution.tail_coefficients.copy()
     # Rows scaled to one, columns weighted by the room they leave: pivoting then prefers unknowns that matter and may move. A tail
-    # coefficient may move as far as the tail's own room lets it.
+    # coefficient may move as far as the tail's own room, and its cap, let it.
     looks = problem.tail.looks()
     course, (above, below) = problem.tail.rows(looks), problem.tail.room(looks)
     slack = np.minimum(above - course @ tail, below + course @ tail) if len(tail) else np.zeros(1)
     play = np.maximum(slack.min(), 0.0) / np.abs(course).max(axis=0) / max(len(tail), 1) if len(tail) else np.zeros(0)
+    for cap, modulus in zip(problem.tail.caps, problem.tail.sizes(tail), strict=True):
+        play[list(cap.at)] = np.minimum(play[list(cap.at)], max(cap.bound - modulus, 0.0) / 2)
     columns, weights = np.hstack([table, -problem.tail.columns]), np.concatenate([room, play])
     if np.count_nonzero(weights) < size:
         return None

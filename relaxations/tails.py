@@ -6,15 +6,18 @@ l below their multiplicity. Its real coefficients (one for a real zero, two for 
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from math import comb, factorial
 
 import numpy as np
+from flint import acb, acb_poly, arb, fmpq
 from numpy.typing import NDArray
 
 from relaxations.commands import TailTerm
 from relaxations.moments import Basis
-from relaxations.plants import Pole
+from relaxations.plants import ROOT_BITS, LinearPlant, Pole, precision
 
 Reals = NDArray[np.float64]
 
@@ -31,8 +34,49 @@ class TailLength:
 
 
 @dataclass(frozen=True, slots=True)
+class Cap:
+    """The coefficient of the highest power at the zero of number `zero` is at most `bound` in modulus (input units/s^l for the power l).
+
+    Its real part, or both parts, stand `at` these places among the real coefficients. `sensitivity` is what it was asked by: shift and
+    residual, exact (`cap_bound`).
+    """
+
+    zero: int
+    at: tuple[int, ...]
+    bound: float
+    sensitivity: tuple[Fraction, Fraction]
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """Where a tail is on a limit, and the multiplier μ ≥ 0 there.
+
+    Without `cap`: `place` is an instant [s] after the move, the limit the upper (side 1) or lower (side -1) one of the input. In its course
+    a tail touches it with slope zero at an instant that is unknown: the contact is `moving`. Else it is the cap of that number, and a
+    complex coefficient is on it in the direction `place` [rad]: that moves too.
+    """
+
+    place: float
+    side: int
+    multiplier: float
+    moving: bool = False
+    cap: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TailStart:
+    """A tail to start from: coefficients (n,), and where it touches its limits."""
+
+    coefficients: Reals
+    contacts: tuple[Contact, ...]
+
+
+NO_TAIL = TailStart(np.zeros(0), ())
+
+
+@dataclass(frozen=True, slots=True)
 class TailSpace:
-    """The tails that a problem allows: `zeros`, room above and below the final rest input (input units), `length` if it is limited.
+    """The tails that a problem allows: `zeros`, room above and below the final rest input (input units), `length` if it is limited, `caps`.
 
     `columns` (size, n): what each real coefficient adds to the moments that are asked for at the end of the move.
     """
@@ -42,6 +86,7 @@ class TailSpace:
     above: float
     below: float
     length: TailLength | None = None
+    caps: tuple[Cap, ...] = ()
 
     @property
     def size(self) -> int:
@@ -80,6 +125,35 @@ class TailSpace:
     def known(self) -> Reals:
         """Instants [s] at which the limits begin, or change: there a tail may be on one with any slope."""
         return np.unique([0.0] + ([self.length.time] if self.length is not None else [])) if self.zeros else np.zeros(0)
+
+    def touching(self, contacts: Sequence[Contact], derivative: int = 0) -> Reals:
+        """Rows e with `e c ≤ allowance` where a tail touches a limit, or their derivatives by the contacts' places: (len(contacts), n)."""
+        rows = np.zeros((len(contacts), self.size))
+        for k, contact in enumerate(contacts):
+            if contact.cap is None:
+                rows[k] = contact.side * self.rows(np.array([contact.place]), derivative)[0]
+            else:
+                turned = contact.place + derivative * np.pi / 2
+                at = self.caps[contact.cap].at
+                rows[k, at] = contact.side * np.array([np.cos(turned), np.sin(turned)])[: len(at)]
+        return rows
+
+    def allowance(self, contacts: Sequence[Contact]) -> Reals:
+        """How far the tail may be where it touches its limits: room, or bound of a cap. Shape (len(contacts),)."""
+        above, below = self.room(np.array([contact.place for contact in contacts]))
+        rooms = zip(contacts, above, below, strict=True)
+        return np.array([self.caps[c.cap].bound if c.cap is not None else up if c.side > 0 else down for c, up, down in rooms])
+
+    def sizes(self, coefficients: Reals) -> Reals:
+        """The moduli that caps bound."""
+        return np.array([np.hypot.reduce(coefficients[list(cap.at)]) for cap in self.caps])
+
+    def capped(self, cap: int, coefficients: Reals, multiplier: float) -> Contact:
+        """The contact with a cap: of a real coefficient on the side of its sign, of a complex one in its direction."""
+        part = coefficients[list(self.caps[cap].at)]
+        if len(part) == 1:
+            return Contact(0.0, 1 if part[0] > 0.0 else -1, multiplier, cap=cap)
+        return Contact(float(np.arctan2(part[1], part[0])), 1, multiplier, True, cap)
 
     def looks(self) -> Reals:
         """Instants [s] at which the limits are first imposed: dense at the beginning, as long as anything is left."""
@@ -125,6 +199,45 @@ class TailSpace:
                 if value:
                     terms.append(TailTerm(zero.value, power, value / factorial(power)))
         return tuple(terms)
+
+
+def cap_bound(plant: LinearPlant, zero: acb, multiplicity: int, sensitivity: tuple[Fraction, Fraction], displacement: Fraction) -> arb:
+    """How large a tail's highest coefficient c at a zero z may be, so that the output does not mind if the zero is elsewhere.
+
+    A zero of multiplicity m that lies at z + d forces the motion `c d G^{(m)}(z)/(m-1)! e^{zr}` on the output, to first order in d. At most
+    the fraction `residual` of the displacement it is for all |d| ≤ shift |z| if `|c| ≤ residual |Δ| (m-1)! / (shift |z| |G^{(m)}(z)|)`.
+    """
+    (shift, residual), numerator = sensitivity, plant.numerators[plant.output]
+    for _ in range(multiplicity):
+        numerator = numerator.derivative()
+    slope = abs(acb_poly(numerator)(zero) / acb_poly(plant.denominator)(zero)) / factorial(multiplicity - 1)
+    allowed = residual * abs(displacement) / shift
+    return arb(fmpq(allowed.numerator, allowed.denominator)) / (abs(zero) * slope)
+
+
+def caps(
+    plant: LinearPlant, zeros: Sequence[Pole], sensitivities: Mapping[complex, tuple[Fraction, Fraction]], displacement: Fraction
+) -> tuple[tuple[Pole, ...], tuple[Cap, ...]]:
+    """The zeros that a tail may use, of those left of the axis, and the caps on its coefficients; sensitivities by the zero's value.
+
+    Where no residual at all is allowed, the highest power is not used.
+    """
+    used: list[Pole] = []
+    found: list[Cap] = []
+    end = 0
+    for zero in zeros:
+        asked = sensitivities.get(zero.value)
+        power = zero.multiplicity - (asked is not None and asked[1] == 0)
+        if not power:
+            continue
+        used.append(Pole(zero.value, power))
+        width = 2 if zero.is_flexible else 1
+        end += width * power
+        if asked is not None and asked[1] > 0:
+            with precision(ROOT_BITS):
+                bound = cap_bound(plant, acb(zero.value.real, zero.value.imag), power, asked, displacement)
+            found.append(Cap(len(used) - 1, tuple(range(end - width, end)), float(bound.mid()), asked))
+    return tuple(used), tuple(found)
 
 
 def tail_columns(bases: tuple[Basis, ...], zeros: tuple[Pole, ...]) -> Reals:
