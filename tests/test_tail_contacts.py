@@ -15,7 +15,8 @@ from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant, exact
 from relaxations.polishing import polish
 from relaxations.proofs import minimum_time
-from relaxations.refinement import Contact, Extremal, TailStart, refine
+from relaxations.refinement import Extremal, refine
+from relaxations.tails import Contact, TailStart
 
 DIGITS = Fraction(1, 10**28)  # a tail is kept 1e-30 of the input's range inside a limit that it touches
 
@@ -56,9 +57,9 @@ def test_a_tail_between_both_limits() -> None:
     root = Decimal(2).sqrt()
     time, extremal = polished(cubic())
     assert abs(time - Fraction(duration(2 + 2 * root, -3 - 2 * root, 2))) < DIGITS
-    still, moving = sorted(extremal.tail.contacts, key=lambda contact: contact.time)
-    assert (still.time, still.side, still.moving, moving.side, moving.moving) == (0.0, -1, False, 1, True)
-    assert moving.time == pytest.approx(np.log(1 + np.sqrt(2)), abs=1e-12)
+    still, moving = sorted(extremal.tail.contacts, key=lambda contact: contact.place)
+    assert (still.place, still.side, still.moving, moving.side, moving.moving) == (0.0, -1, False, 1, True)
+    assert moving.place == pytest.approx(np.log(1 + np.sqrt(2)), abs=1e-12)
     assert extremal.tail.coefficients == pytest.approx([2 + 2 * np.sqrt(2), -3 - 2 * np.sqrt(2)], abs=1e-11)
 
 
@@ -100,7 +101,7 @@ def test_a_tail_that_must_be_short_touches_the_tighter_limit_in_its_course() -> 
         assert isinstance(found.dual, Extremal)
         times.append(found.lower)
         if within != "1":
-            assert any(contact.moving and contact.time > 1.0 for contact in found.dual.tail.contacts)
+            assert any(contact.moving and contact.place > 1.0 for contact in found.dual.tail.contacts)
     assert times[0] < times[1] < times[2]
 
 
@@ -140,7 +141,7 @@ def test_a_contact_that_was_not_seen_is_found() -> None:
 def test_a_contact_that_is_misplaced_is_moved(factor: float) -> None:
     posed = cubic(-3)
     costate, time, tail = start(posed)
-    elsewhere = tuple(replace(contact, time=factor * contact.time) for contact in tail.contacts)
+    elsewhere = tuple(replace(contact, place=factor * contact.place) for contact in tail.contacts)
     found = refine(posed, costate, time, TailStart(tail.coefficients, elsewhere))
     assert isinstance(found, Extremal)
     assert found.maneuver_time == pytest.approx(float(polished(posed)[0]), rel=1e-12)
