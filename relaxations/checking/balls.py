@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
-from math import comb
+from itertools import accumulate, combinations
+from math import comb, factorial
 from typing import Any
 
 import flint
@@ -119,18 +119,42 @@ def stable(numerator: fmpq_poly) -> tuple[Root, ...]:
     return tuple(zero for zero in zeros if zero.value.real < 0)
 
 
+def named(roots: Sequence[Root], kind: str, given: dict[str, Any], otherwise: Any) -> list[tuple[Root, Any]]:
+    """What is given to roots by name, kind[i] by ascending magnitude, which must be clear where it matters; names are used up."""
+    ordered = sorted(roots, key=lambda root: abs(root.value).mid())
+    found = [(root, given.pop(f"{kind}[{place}]", otherwise)) for place, root in enumerate(ordered, 1)]
+    if any(one != other and not abs(root.value) < abs(next_.value) for (root, one), (next_, other) in combinations(found, 2)):
+        raise Undecided(f"the order of {kind}[i] is not defined: two are equally large")
+    return found
+
+
 def further(roots: Sequence[Root], counts: dict[str, int]) -> tuple[Root, ...]:
-    """The roots with further zeros: mode[i] (flexible) and real[i] by ascending magnitude, which must be clear where counts differ."""
-    result, left, sizes = list(roots), dict(counts), [abs(root.value) for root in roots]
+    """The roots with further zeros: mode[i] (flexible) and real[i]."""
+    left, result = dict(counts), [root for root in roots if root.value.is_zero()]
     for kind, flexible in (("mode", True), ("real", False)):
-        group = [i for i, root in enumerate(roots) if root.flexible is flexible and not root.value.is_zero()]
-        ordered = [(i, left.pop(f"{kind}[{place}]", 0)) for place, i in enumerate(sorted(group, key=lambda i: sizes[i].mid()), 1)]
-        if any(n != more and not sizes[i] < sizes[j] for (i, n), (j, more) in combinations(ordered, 2)):
-            raise Undecided("two modes have the same frequency: their order is not defined")
-        for i, n in ordered:
-            result[i] = Root(roots[i].value, roots[i].multiplicity + n)
+        group = [root for root in roots if root.flexible is flexible and not root.value.is_zero()]
+        result += [Root(root.value, root.multiplicity + n) for root, n in named(group, kind, left, 0)]
     require(not left, f"the plant has no {', '.join(left)}")
     return tuple(result)
+
+
+def caps(task: Any, zeros: Sequence[Root], numerator: fmpq_poly, denominator: fmpq_poly) -> tuple[arb | None, ...]:
+    """How large the highest coefficient c at each zero of a tail may be; None: not limited.
+
+    A zero of multiplicity m that lies at z + d instead forces c d G^(m)(z)/(m-1)! e^{zr} on the output, to first order in d: at most the
+    fraction `residual` of the displacement for |d| ≤ shift |z|. The names zero[i] count all zeros of the plant.
+    """
+    given, bounds = dict(task.limits.zero_sensitivity), []
+    asked = [(root, pair) for root, pair in named(isolated(numerator), "zero", given, None) if pair] if given else []
+    for zero in zeros:
+        pair = next((pair for root, pair in asked if root.value.overlaps(zero.value)), None)
+        slope, m = numerator, zero.multiplicity
+        for _ in range(m):
+            slope = slope.derivative()
+        steep = abs(zero.value * acb_poly(slope)(zero.value) / acb_poly(denominator)(zero.value)) / factorial(m - 1)
+        bounds.append(arb(pair[1] * abs(task.displacement) / pair[0]) / steep if pair else None)
+    require(not given and len(asked) == len(bounds) - bounds.count(None), "a zero that may be elsewhere has no tail")
+    return tuple(bounds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,11 +164,18 @@ class System:
     task: Any
     roots: tuple[Root, ...]
     zeros: tuple[Root, ...]
+    caps: tuple[arb | None, ...]
     rest: fmpq
     lower: fmpq
     upper: fmpq
     target: arb_mat
     columns: arb_mat
+
+    @property
+    def capped(self) -> list[tuple[range, arb]]:
+        """The places of a tail's coefficients (real and imaginary part) whose modulus is limited, and the limit."""
+        ends = accumulate(zero.size for zero in self.zeros)
+        return [(range(end - 1 - zero.flexible, end), cap) for zero, end, cap in zip(self.zeros, ends, self.caps, strict=True) if cap is not None]
 
     def room(self, time: fmpq) -> tuple[fmpq, fmpq]:
         """How far above and below the final rest input the tail may be, `time` seconds after the move."""
@@ -176,7 +207,8 @@ def system(task: Any) -> System:
     shapes = [(z, k, unit) for z in zeros for k in range(z.multiplicity) for unit in (acb(1), acb(0, 1))[: 1 + z.flexible]]
     spend(10 * len(shapes) * aim.nrows())
     columns = [x for shape in shapes for x in flat(roots, Root.before, *shape).entries()]
-    return System(task, roots, zeros, rest, lower, upper, aim, arb_mat(len(shapes), aim.nrows(), columns).transpose())
+    bounds = caps(task, zeros, numerator, denominator)
+    return System(task, roots, zeros, bounds, rest, lower, upper, aim, arb_mat(len(shapes), aim.nrows(), columns).transpose())
 
 
 @dataclass(frozen=True, slots=True)

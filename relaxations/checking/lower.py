@@ -1,6 +1,6 @@
 """The lower side: weak duality (docs/theory.md, equation 2) with the integral of σ(p) in balls, its sign changes isolated.
 
-    λᵀ target > ∫_0^T σ(p) ds + Σ μ⁺ above + μ⁻ below   ⇒   no admissible command takes T or less
+    λᵀ target > ∫_0^T σ(p) ds + Σ μ⁺ above + μ⁻ below + Σ cap |excess|   ⇒   no admissible command takes T or less
 
 for σ(p) = max(upper p, lower p), lower ≤ 0 ≤ upper: the right side grows with T. Where the rest input lies *on* a limit, no T may be
 enough, and balls cannot decide an equality; two criteria in rationals then speak of costates of one term, without a tail:
@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import Any
 
 import flint
-from flint import arb, arb_mat, fmpq
+from flint import acb, arb, arb_mat, fmpq
 
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
@@ -31,15 +31,23 @@ def impossible(system: System, criterion: str) -> None:
         raise Undecided(f"the criterion '{criterion}' does not apply to this task")
 
 
-def costate(system: System, witness: Any) -> arb_mat:
-    """λ: the one written, moved (least squares) onto the equalities `λᵀ column_j = -Σ (μ⁺ - μ⁻) shape_j(τ)` of a free tail, in balls."""
-    numbers, columns = placed(system.roots, witness.costate[0])[0], system.columns
-    written = arb_mat(len(numbers), 1, numbers)
-    excess = columns.transpose() * written
+def costate(system: System, witness: Any) -> tuple[arb_mat, arb]:
+    """λ, and the price of the tail's limits: the λ written, moved (least squares) onto the equalities of a free tail, in balls.
+
+    These are `λᵀ column_j + Σ (μ⁺ - μ⁻) shape_j(τ) = 0`. Where a coefficient is limited, what is left of the sum may be an excess.
+    """
+    numbers, capped, columns = placed(system.roots, witness.costate[0])[0], system.capped, system.columns.transpose().tolist()
+    written, price, pull = arb_mat(len(numbers), 1, numbers), arb(0), arb_mat(len(columns), 1)
     for contact in witness.tail:
-        excess += flat(system.zeros, Root.impulse, arb(contact.time)) * arb(contact.upper - contact.lower)
-    spend(columns.ncols() ** 2 * columns.nrows())
-    return written - columns * (columns.transpose() * columns).solve(excess)
+        above, below = system.room(contact.time)
+        price += arb(contact.upper * above + contact.lower * below)
+        pull += flat(system.zeros, Root.impulse, arb(contact.time)) * arb(contact.upper - contact.lower)
+    free = sorted({*range(len(columns))} - {place for places, _ in capped for place in places})
+    rows = arb_mat(len(free), len(numbers), [x for place in free for x in columns[place]])
+    spend(len(free) ** 2 * len(numbers))
+    moved = written - rows.transpose() * (rows * rows.transpose()).solve(rows * written + arb_mat(len(free), 1, [pull[place, 0] for place in free]))
+    excess = system.columns.transpose() * moved + pull
+    return moved, price + sum((cap * abs(acb(*(excess[place, 0] for place in places))) for places, cap in capped), arb(0))
 
 
 def support(p: Wave, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
@@ -82,11 +90,8 @@ def support(p: Wave, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
 def prove(system: System, witness: Any, time: fmpq) -> None:
     """Prove that no admissible command takes `time` seconds or less; raises `Refuted` or `Undecided`."""
     require(bool(system.zeros) or not witness.tail, "multipliers of a tail that the task does not have")
-    numbers = costate(system, witness)
-    gain = (numbers.transpose() * system.target)[0, 0]
-    for contact in witness.tail:
-        above, below = system.room(contact.time)
-        gain -= arb(contact.upper * above + contact.lower * below)
+    numbers, price = costate(system, witness)
+    gain = (numbers.transpose() * system.target)[0, 0] - price
     if gain <= 0:
         raise Refuted("the lower bound's inequality (2) is false for this costate, whatever the time")
     if not gain > 0:

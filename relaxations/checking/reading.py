@@ -16,6 +16,7 @@ MOST_POLES, MOST_SEGMENTS, MOST_CONTACTS, MOST_ZEROS = 200, 100_000, 10_000, 20
 _DECIMAL = re.compile(r"(?!-0$)-?(0|[1-9][0-9]*)(\.[0-9]*[1-9])?")
 _RATIO = re.compile(r"(-?[1-9][0-9]*)/([1-9][0-9]*)")
 _HEXADECIMAL = re.compile(r"(-?0x1)(?:\.([0-9a-f]{0,12}[1-9a-f]))?p(\+0|[+-][1-9][0-9]{0,3})")
+_ZERO = re.compile(r"zero\[[1-9][0-9]{0,2}\]")
 _MODE = re.compile(r"(mode|real)\[[1-9][0-9]{0,2}\]")
 
 
@@ -67,12 +68,20 @@ def counts(data: Any, where: str) -> dict[str, int]:
     return data
 
 
+def sensitivities(data: Any, where: str) -> dict[str, tuple[fmpq, fmpq]]:
+    """Shift and residual by the name of a zero."""
+    require(isinstance(data, dict) and len(data) <= MOST_POLES and all(map(_ZERO.fullmatch, data)), f"{where} names zero[i]")
+    pairs = {name: shaped(pair, {"shift": real, "residual": real}, f"{where}.{name}") for name, pair in data.items()}
+    return {name: (pair.shift, pair.residual) for name, pair in pairs.items()}
+
+
 # A dictionary is an object of exactly these members, a tuple an array of such items, a list (item, least, most) an array of so many such
 # items, a set a choice; a pair with None may be null.
 PAIR = (real, real)
 POLYNOMIAL: list[Any] = [real, 1, MOST_POLES + 1]  # the highest power of s first
 PLANT = {"numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "zeros": counts}
-LIMITS = {"input": PAIR, "tail_length": (None, {"time": real, "within": real})}  # absolute; seconds after the move, and a fraction
+LENGTH = {"time": real, "within": real}  # seconds after the move, and a fraction
+LIMITS = {"input": PAIR, "tail_length": (None, LENGTH), "zero_sensitivity": sensitivities}  # the input's are absolute
 TASK = {"plants": [PLANT, 1, 1], "displacement": real, "rest": {"state", "output"}, "limits": LIMITS, "initial_input": real}
 # coefficients c_k of `Re Σ c_k s^k/k! e^{ps}` at the root p nearest to a point
 CHAINS: list[Any] = [{"near": PAIR, "coefficients": [PAIR, 0, MOST_POLES]}, 0, MOST_POLES]
@@ -118,6 +127,8 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     require(low < high and task.displacement != 0, "limits ascend, and the displacement is not 0")
     fine = length is None or (task.rest == "output" and length.time >= 0 and 0 < length.within <= 1)
     require(fine, "a tail length belongs to an output rest: a time from 0 on, a fraction from 0 to 1")
+    fine = all(task.rest == "output" and shift > 0 <= residual for shift, residual in task.limits.zero_sensitivity.values())
+    require(fine, "sensitivity to a zero belongs to an output rest: a shift of more than 0, a residual of 0 or more")
     sides = [side for side in (claim.lower, claim.upper) if side is not None]
     require(bool(sides) != (claim.impossible is not None), "a claim has sides, or says that the task is impossible")
     require(all(side >= 0 for side in sides), "a maneuver time is not negative")

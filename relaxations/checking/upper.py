@@ -159,4 +159,6 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         at_most(system.lower, level, f"level {i} is above its limit")
         at_most(level, system.upper, f"level {i} is below its limit")
     tail_limits(system, n, command)
+    for places, cap in system.capped:
+        at_most(abs(acb(*(arb(command[2 * n + 1 + place]) for place in places))), cap, "the tail is insensitive to a zero's place")
     at_most(command[0], time, "the command takes no longer than claimed")
