@@ -103,6 +103,7 @@ class GridMinimum:
 
 
 TOUCHING = 1e-6  # price times the size of the tail's terms, of a target's 1: smaller ones are what an interior-point method leaves anywhere
+CAPPED = 1e-6  # of the terms of the costate's equation at a coefficient: if more is left of them, its cap holds it
 CUTS = 6  # rounds of cutting planes for the tail's limits
 FLAT = 1e-3  # d log α/d log T below which α says nothing about the time
 NEAR, EARLY = 0.05, 2  # of log α: Newton's method on the switches is tried from there on, so often
@@ -205,8 +206,9 @@ def contacts(problem: Problem, solution: programs.GridSolution) -> TailStart:
         near = float(places[np.argmin(np.abs(places - t))])
         found[near, side] = found.get((near, side), 0.0) + multiplier
     touching = [Contact(t, side, mu, t not in known) for (t, side), mu in found.items()]
-    prices = zip(tail.caps, solution.cap_prices, strict=True)
-    touching += [tail.capped(k, coefficients, price) for k, (cap, price) in enumerate(prices) if price * cap.bound > TOUCHING]
+    pulls, terms = tail.sizes(solution.pull), np.abs(solution.costate) @ np.abs(tail.columns)
+    pulled = [k for k, cap in enumerate(tail.caps) if pulls[k] > CAPPED * terms[list(cap.at)].max()]
+    touching += [tail.capped(k, -solution.pull, float(pulls[k])) for k in pulled]
     return TailStart(coefficients, tuple(touching))
 
 

@@ -188,7 +188,8 @@ def _sensitivities(plant: LinearPlant, maneuver: Maneuver) -> dict[complex, tupl
         raise ManeuverError("sensitivity to a zero's place is a matter of the tail: it needs an output rest, tail = true")
     without = sorted(name for name in asked if name not in named or named[name].real >= 0)
     if without:
-        usable = [f"{name} ({value.real:.6g}{f' ± {value.imag:.6g} j' if value.imag else ''})" for name, value in named.items() if value.real < 0]
+        stable = {name: value for name, value in named.items() if value.real < 0}
+        usable = [f"{name} ({value.real:.6g}{f' ± {value.imag:.6g} j' if value.imag else ''})" for name, value in stable.items()]
         raise ManeuverError(f"a tail decays along {', '.join(usable) or 'no zero'} of this plant, not along {', '.join(without)}")
     wrong = [name for name, (shift, residual) in asked.items() if not (shift > 0 and residual >= 0)]
     if wrong:

@@ -85,7 +85,6 @@ class _Exact:
                 out += [value.real, -value.imag] if flexible else [value.real]
         return out
 
-
     def touching(self, problem: Problem, contact: Contact, place: arb, derivative: int) -> list[arb]:
         """`TailSpace.touching` of one contact."""
         if contact.cap is None:
@@ -179,7 +178,8 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
     ]
     x = [arb(float(value)) for value in x]
     room = [exact.allowance(problem, c) for c in contacts]
-    scale = [arb(_q(problem.maneuver.limits.upper - problem.maneuver.limits.lower)) if c.cap is None else room[k] for k, c in enumerate(contacts)]
+    reach = arb(_q(problem.maneuver.limits.upper - problem.maneuver.limits.lower))
+    inside = [r - arb(_q(INSIDE)) * (reach if c.cap is None else r) for c, r in zip(contacts, room, strict=True)]
     lam, tail, mu, tau = m + 1, m + 1 + size, m + 1 + size + n, m + 1 + size + n + a
     width = tau + len(moving)
     distance = None
@@ -222,8 +222,7 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
         values[size + m + n] = scaled - sum((p * r for p, r in zip(prices, room, strict=True)), arb(0)) - 1
         for k in range(a):
             matrix[size + m + n][mu + k] = -room[k]
-            inside = room[k] - arb(_q(INSIDE)) * scale[k]
-            values[size + m + n + 1 + k] = sum((shapes[k][j] * c[j] for j in range(n)), arb(0)) - inside
+            values[size + m + n + 1 + k] = sum((shapes[k][j] * c[j] for j in range(n)), arb(0)) - inside[k]
             for j in range(n):
                 matrix[size + m + n + 1 + k][tail + j] = shapes[k][j]
         for place, k in enumerate(moving, tau):

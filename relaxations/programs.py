@@ -2,12 +2,13 @@
 
 At a fixed maneuver time the *reachable fraction* α of the target is maximised (../docs/theory.md, section 2):
 
-    maximise α   subject to   Q u = α q + S c,   u_k = Σ_{i≤k} A_i,   lower ≤ u ≤ upper,   -α below_i ≤ (E c)_i ≤ α above_i,   |c_k| ≤ α cap_k
+    maximise α   subject to   Q u = α q + S c,   u_k = Σ_{i≤k} A_i,   lower ≤ u ≤ upper,   -α below_i ≤ (E c)_i ≤ α above_i,
+                              |c_k| ≤ α cap_k
 
 over the impulse amplitudes A, that is, over the staircase u that they add up to (the solver's variables are the values u: with A as further
 variables, linked sparsely, 10⁵ intervals take twice as long), and over the coefficients c of the tail, whose limits are imposed at instants
-after the move and scale with α on both sides (unscaled, α would have a ceiling where the final rest input lies on a limit), as do the caps on
-the moduli of single coefficients (a cone where that is complex, the only rows that are not linear). The rows are
+after the move and scale with α on both sides (unscaled, α would have a ceiling where the final rest input lies on a limit), as do the caps
+on the moduli of single coefficients (a cone where one is complex, the only rows that are not linear). The rows are
 orthonormal, so that no scaling of poles, time or units is left in them, and the program is always feasible. Solver status is never
 evidence: what comes out is a candidate.
 """
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.maneuvers import Problem
+from relaxations.tails import moduli
 
 Reals = NDArray[np.float64]
 
@@ -74,8 +76,8 @@ class GridProgram:
 class GridSolution:
     """What the solver found: fraction α, levels u (N,) in deviations, tail coefficients (n,), and the multipliers.
 
-    `costate` λ (size,) belongs to the moment equations, `mu_above` and `mu_below` (k,) ≥ 0 to the tail's limits, `cap_prices` ≥ 0 to its caps,
-    scaled to `λᵀ target - Σ μ⁺ above - Σ μ⁻ below - Σ prices caps = 1`.
+    `costate` λ (size,) belongs to the moment equations, `mu_above` and `mu_below` (k,) ≥ 0 to the tail's limits, `pull` (n,) to its caps:
+    `Sᵀλ + Eᵀ(μ⁺ - μ⁻)`, which is 0 without a cap. They are scaled to `λᵀ target - Σ μ⁺ above - Σ μ⁻ below - Σ |pull_k| cap_k = 1`.
     """
 
     program: GridProgram
@@ -85,7 +87,7 @@ class GridSolution:
     costate: Reals
     mu_above: Reals
     mu_below: Reals
-    cap_prices: Reals
+    pull: Reals
     status: str
 
     @property
@@ -105,9 +107,10 @@ class GridSolution:
         return tuple((float(t), float(above), float(below)) for t, above, below in triples if above > 0.0 or below > 0.0)
 
     def price(self, problem: Problem) -> float:
-        """`Σ μ⁺ above + Σ μ⁻ below + Σ prices caps`: what the tail's limits take off the costate's target."""
+        """`Σ μ⁺ above + Σ μ⁻ below + Σ |pull_k| cap_k`: what the tail's limits take off the costate's target."""
         del problem
-        return float(self.mu_above @ self.program.above + self.mu_below @ self.program.below + self.cap_prices @ self.program.caps)
+        program = self.program
+        return float(self.mu_above @ program.above + self.mu_below @ program.below + moduli(self.pull, program.capped) @ program.caps)
 
     @property
     def residual(self) -> float:
@@ -209,10 +212,9 @@ def solve(program: GridProgram) -> GridSolution:
     prices = (
         [np.maximum(np.asarray(compiled[name].dual_value), 0.0) for name in ("ceiling", "floor")] if coefficients else [np.zeros(looks)] * 2
     )
-    # What the tail's equalities leave of the costate at a coefficient, its cap holds.
-    left = program.columns.T @ multiplier + program.shapes.T @ (prices[0] - prices[1])
-    held = np.array([np.hypot.reduce(left[list(at)]) for at in program.capped])
-    scale = float(multiplier @ program.target - prices[0] @ program.above - prices[1] @ program.below - held @ program.caps)
+    pull = program.columns.T @ multiplier + program.shapes.T @ (prices[0] - prices[1])
+    held = moduli(pull, program.capped) @ program.caps
+    scale = float(multiplier @ program.target - prices[0] @ program.above - prices[1] @ program.below - held)
     if scale <= 0.0:
         raise SolverError(f"the multipliers at T = {program.maneuver_time!r} s vanish on the target")
     return GridSolution(
@@ -223,6 +225,6 @@ def solve(program: GridProgram) -> GridSolution:
         np.linalg.solve(program.basis_change, multiplier / scale).astype(np.float64),
         prices[0] / scale,
         prices[1] / scale,
-        held / scale,
+        pull / scale,
         status,
     )

@@ -27,7 +27,7 @@ ROUNDING = 1e-11  # relative residual of the moments below which Newton may stop
 
 
 EXCESS = 1e-10  # of the input's range, or a cap: a tail so far beyond a limit is beyond it, and not by rounding
-INSIDE = 2e-13  # of the input's range, or a cap: how far a tail that touches a limit is kept inside it, so that the inequality can be proven strict
+INSIDE = 2e-13  # of the input's range, or a cap: how far a tail that touches a limit is kept inside it, so that balls can prove it there
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +200,7 @@ class _State:
         moving = [k for k, c in enumerate(contacts) if c.moving]
         shapes, slopes, bends = (problem.tail.touching(contacts, derivative) for derivative in range(3))
         room = problem.tail.allowance(contacts)
-        inside = room - INSIDE * np.array([problem.upper - problem.lower if c.cap is None else r for c, r in zip(contacts, room, strict=True)])
+        inside = room - INSIDE * np.where([c.cap is None for c in contacts], problem.upper - problem.lower, room)
         matrix, values, sizes = np.zeros((width, width)), np.zeros(width), np.ones(width)
         missed, terms = moment_residual(problem, self.levels, np.concatenate([[0.0], s, [time]]))
         b, end = problem.rows(s) if m else np.zeros((size, 0)), problem.rows([time])[:, 0]

@@ -146,10 +146,10 @@ class TailSpace:
 
     def sizes(self, coefficients: Reals) -> Reals:
         """The moduli that caps bound."""
-        return np.array([np.hypot.reduce(coefficients[list(cap.at)]) for cap in self.caps])
+        return moduli(coefficients, [cap.at for cap in self.caps])
 
     def capped(self, cap: int, coefficients: Reals, multiplier: float) -> Contact:
-        """The contact with a cap: of a real coefficient on the side of its sign, of a complex one in its direction."""
+        """The contact with a cap in the direction of a coefficient: of a real one on the side of its sign."""
         part = coefficients[list(self.caps[cap].at)]
         if len(part) == 1:
             return Contact(0.0, 1 if part[0] > 0.0 else -1, multiplier, cap=cap)
@@ -199,6 +199,11 @@ class TailSpace:
                 if value:
                     terms.append(TailTerm(zero.value, power, value / factorial(power)))
         return tuple(terms)
+
+
+def moduli(coefficients: Reals, places: Sequence[tuple[int, ...]]) -> Reals:
+    """Of the coefficients, one or a complex one's two parts, at each of these places."""
+    return np.array([np.hypot.reduce(coefficients[list(at)]) for at in places])
 
 
 def cap_bound(plant: LinearPlant, zero: acb, multiplicity: int, sensitivity: tuple[Fraction, Fraction], displacement: Fraction) -> arb:

@@ -36,6 +36,7 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
         study.command.robustness,
         study.command.tail,
         None if length is None else (Fraction(length[0]), Fraction(length[1])),
+        {name: (Fraction(shift), Fraction(residual)) for name, (shift, residual) in study.limits.zero_sensitivity.items()},
     )
     try:
         return problem([plant], maneuver)

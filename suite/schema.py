@@ -94,6 +94,13 @@ class TailLength(Section):
     within: Fraction
 
 
+class ZeroSensitivity(Section):
+    """How much the tail may move the output if a zero is not where it should be."""
+
+    shift: Positive  # of the zero's magnitude
+    residual: NonNegative  # of the displacement
+
+
 class Limits(Section):
     """What the command must respect."""
 
@@ -103,6 +110,7 @@ class Limits(Section):
     deflection: Annotated[dict[Text, Positive], Named] | None = None
     sample_time: Positive | None = None
     tail_length: TailLength | None = None
+    zero_sensitivity: Annotated[dict[Annotated[Text, AfterValidator(values.zero_name)], ZeroSensitivity], Named] | None = None
     pulse_width: Positive | None = None
     pulses: Count | None = None
 
@@ -289,7 +297,13 @@ def _unknown_section(name: str) -> str:
     return f"no such section or key{hint}; valid are title, {', '.join(KEYS)}"
 
 
-NESTED: dict[str, type[Section]] = {"modes": Mode, "initial": Initial, "tail_length": TailLength, "distribution": Distribution}
+NESTED: dict[str, type[Section]] = {
+    "modes": Mode,
+    "initial": Initial,
+    "tail_length": TailLength,
+    "zero_sensitivity": ZeroSensitivity,
+    "distribution": Distribution,
+}
 
 
 def _unknown_key(key: str, path: str, parents: tuple[int | str, ...]) -> str:

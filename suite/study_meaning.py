@@ -52,13 +52,14 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
     if mistakes or plant is None or command is None or not (written.maneuver and written.limits and written.simulation and written.keep):
         return None, _in_order(mistakes)
     length = written.limits.tail_length
+    sensitivity = {name: (pair.shift, pair.residual) for name, pair in (written.limits.zero_sensitivity or {}).items()}
     study = Study(
         title=written.title or printable(file.stem),
         file=file,
         source=source,
         plant=plant,
         maneuver=Maneuver(written.maneuver.displacement),
-        limits=Limits(*written.limits.input, None if length is None else (length.time, length.within)),
+        limits=Limits(*written.limits.input, None if length is None else (length.time, length.within), sensitivity),
         command=command,
         simulation=_simulation(written.simulation),
         uncertainties=tuple(axis for axis in uncertainties if axis is not None),

@@ -166,6 +166,13 @@ def mode_text(value: str) -> str:
     return value
 
 
+def zero_name(value: str) -> str:
+    """The name of a zero."""
+    if not re.fullmatch(r"zero\[[1-9]\d{0,2}\]", value):
+        raise ValueError(f'has the key "{value}"; its keys are names of zeros such as "zero[1]"')
+    return value
+
+
 def fraction(value: Decimal) -> Decimal:
     """Between 0 and 1, both excluded."""
     if not 0 < value < 1:

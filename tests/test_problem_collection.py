@@ -43,6 +43,7 @@ FACTS = {
     "chain_12": "28.4927336597",
     "pitch_state": "13.37",
     "pitch_tail": "3.31",
+    "tail_touches_limits": "9.0910458905",
     # … or in closed form.
     "two_mass_one_switch": sqrt(8) * pi,
     "real_mode": -2 * log(1 - sqrt(1 - 1 / e)) - 1,
@@ -174,6 +175,8 @@ def test_an_output_rest_is_sooner_than_a_rest_of_the_state(name: str, collection
         ("pitch_tail", "pitch_tail_robust"),
         ("pitch_tail", "pitch_tail_short"),
         ("pitch_tail_short", "pitch_state"),
+        ("pitch_tail", "pitch_tail_insensitive"),
+        ("pitch_tail_insensitive", "pitch_state"),
         ("two_mass_1", "two_mass_robust_1"),
         ("two_mass_robust_1", "two_mass_robust_2"),
         ("two_mass_5", "two_mass_robust_5"),

@@ -42,6 +42,26 @@ SHAPES = [
     ("[limits]\ninput = [-1, 1]\npulses = 99999999999999999999\n", "limits.pulses", "64 bits"),
     ("[limits]\ninput = [-1, 1]\ndeflection = { spring = -1 }\n", "limits.deflection.spring", "greater than 0"),
     ("[limits]\ninput = [-1, 1]\ntail_length = { time = 1, within = 2 }\n", "limits.tail_length.within", "between 0 and 1"),
+    (
+        '[limits]\ninput = [-1, 1]\nzero_sensitivity = { "mode[1]" = { shift = 0.1, residual = 0.1 } }\n',
+        "limits.zero_sensitivity.mode[1]",
+        "zero[1]",
+    ),
+    (
+        '[limits]\ninput = [-1, 1]\nzero_sensitivity = { "zero[1]" = { shift = 0, residual = 0.1 } }\n',
+        "limits.zero_sensitivity.zero[1].shift",
+        "greater than 0",
+    ),
+    (
+        '[limits]\ninput = [-1, 1]\nzero_sensitivity = { "zero[1]" = { shift = 0.1 } }\n',
+        "limits.zero_sensitivity.zero[1].residual",
+        "missing",
+    ),
+    (
+        '[limits]\ninput = [-1, 1]\nzero_sensitivity = { "zero[1]" = { shift = 0.1, residue = 1 } }\n',
+        "limits.zero_sensitivity.zero[1].residue",
+        'mean "residual"',
+    ),
     ('[command]\nkind = "time-optimum"\n', "command.kind", 'mean "time-optimal"'),
     ("[command]\nrobustness = -1\n", "command.robustness", '"box"'),
     ("[command]\nrobustness = 1.5\n", "command.robustness", "whole number"),

@@ -174,8 +174,8 @@ class System:
     @property
     def capped(self) -> list[tuple[range, arb]]:
         """The places of a tail's coefficients (real and imaginary part) whose modulus is limited, and the limit."""
-        ends = accumulate(zero.size for zero in self.zeros)
-        return [(range(end - 1 - zero.flexible, end), cap) for zero, end, cap in zip(self.zeros, ends, self.caps, strict=True) if cap is not None]
+        ends = zip(self.zeros, accumulate(zero.size for zero in self.zeros), self.caps, strict=True)
+        return [(range(end - 1 - zero.flexible, end), cap) for zero, end, cap in ends if cap is not None]
 
     def room(self, time: fmpq) -> tuple[fmpq, fmpq]:
         """How far above and below the final rest input the tail may be, `time` seconds after the move."""

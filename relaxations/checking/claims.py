@@ -111,7 +111,8 @@ def claim(found: Check) -> str:
         where = f"within {tail['within']} of the nearer limit's distance from its final rest value"
         lines.append(f"  From {tail['time']} s after T on, the input stays {where}.")
     for name, pair in limits["zero_sensitivity"].items():
-        lines.append(f"  The tail at {name} (zeros by ascending magnitude) moves the output by at most {pair['residual']} of the displacement")
+        moved = f"moves the output by at most {pair['residual']} of the displacement"
+        lines.append(f"  The tail at {name} (zeros by ascending magnitude) {moved}")
         lines.append(f"  if that zero lies elsewhere, by up to {pair['shift']} of its magnitude; to first order in that distance.")
     words = ["no measurable command within the limits does this in any time"] if sides.impossible else []
     if sides.lower is not None:

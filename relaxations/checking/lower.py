@@ -43,9 +43,9 @@ def costate(system: System, witness: Any) -> tuple[arb_mat, arb]:
         price += arb(contact.upper * above + contact.lower * below)
         pull += flat(system.zeros, Root.impulse, arb(contact.time)) * arb(contact.upper - contact.lower)
     free = sorted({*range(len(columns))} - {place for places, _ in capped for place in places})
-    rows = arb_mat(len(free), len(numbers), [x for place in free for x in columns[place]])
+    rows, pulled = arb_mat(len(free), len(numbers), [x for place in free for x in columns[place]]), [pull[place, 0] for place in free]
     spend(len(free) ** 2 * len(numbers))
-    moved = written - rows.transpose() * (rows * rows.transpose()).solve(rows * written + arb_mat(len(free), 1, [pull[place, 0] for place in free]))
+    moved = written - rows.transpose() * (rows * rows.transpose()).solve(rows * written + arb_mat(len(free), 1, pulled))
     excess = system.columns.transpose() * moved + pull
     return moved, price + sum((cap * abs(acb(*(excess[place, 0] for place in places))) for places, cap in capped), arb(0))
 
