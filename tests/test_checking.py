@@ -139,7 +139,14 @@ def test_a_tail_alone_may_touch_its_limit_at_the_first_instant() -> None:
         (task(["1"], ["1", "0", "1"], limits=("0", "1")), "remainder", Outcome.INCONCLUSIVE),  # takes 2π/3
         (task(["-1"], ["1", "-1"]), "remainder", Outcome.INCONCLUSIVE),  # an unstable pole says nothing
         (task(["-0.5"], ["1", "-0.5"]), "remainder", Outcome.INCONCLUSIVE),
-        (task(["1", "1"], ["1", "0", "0"], limits=("0", "1"), rest="output"), "face", Outcome.INCONCLUSIVE),  # a tail may do it
+        (task(["1", "1"], ["1", "0", "0"], limits=("0", "1"), rest="output"), "face", Outcome.PROVED),  # the tail cannot pull either
+        (task(["1", "1"], ["1", "0", "0"], limits=("-0.001", "1"), rest="output"), "face", Outcome.INCONCLUSIVE),
+        # The rest input is a limit; a tail along -3 and -4 cannot make up for what the pole -1 lacks, one along -1 can for -2.
+        (task(["1", "7", "12"], ["1", "8", "17", "10"], "1.2", rest="output"), "remainder", Outcome.PROVED),
+        (task(["1", "7", "12"], ["1", "8", "17", "10"], "-1.2", rest="output"), "remainder", Outcome.PROVED),
+        (task(["1", "7", "12"], ["1", "8", "17", "10"], "1.19", rest="output"), "remainder", Outcome.INCONCLUSIVE),
+        (task(["1", "4", "3"], ["1", "11", "38", "40"], "0.075", rest="output"), "remainder", Outcome.INCONCLUSIVE),  # takes 0.108 s
+        (task(["1", "4", "3"], ["1", "7.5", "13.5", "5"], "0.6", rest="output"), "remainder", Outcome.PROVED),  # -1/2 is right of both
         (task(["-1", "1"], ["1", "0", "0"], limits=("0", "1"), rest="output"), "face", Outcome.PROVED),
         (task(["1", "0", "1"], ["1", "0", "0"], limits=("0", "1"), rest="output"), "face", Outcome.PROVED),
         (task(["1"], ["1", "2", "2", "1"], zeros={"mode[1]": 2, "real[1]": 1}), "remainder", Outcome.PROVED),

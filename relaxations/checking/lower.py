@@ -3,10 +3,11 @@
     λᵀ target > ∫_0^T σ(p) ds + Σ μ⁺ above + μ⁻ below + Σ cap |excess|   ⇒   no admissible command takes T or less
 
 for σ(p) = max(upper p, lower p), lower ≤ 0 ≤ upper: the right side grows with T. Where the rest input lies *on* a limit, no T may be
-enough, and balls cannot decide an equality; two criteria in rationals then speak of costates of one term, without a tail:
+enough, and balls cannot decide an equality; two criteria in rationals then speak of costates of one term, tail v(r) included:
 
-face       a double pole at the origin asks for ∫u = 0. If u may leave 0 to one side only, it is 0 almost everywhere: nothing moves.
-remainder  a stable real pole a asks for ∫_0^T e^{as} u ds = u_ss ∫_0^∞ e^{as} ds. If u_ss is a limit, the left side is never that large.
+face       a double pole at the origin asks for ∫u + ∫v = 0. If u may leave 0 to one side only, it is 0 almost everywhere: nothing moves.
+remainder  a stable real pole a asks for ∫_0^T e^{as} u ds + ∫_0^∞ e^{-ar} v dr = u_ss ∫_0^∞ e^{as} ds, if a is right of all zeros of the
+           tail. If u_ss is a limit, v lies on one side of 0, and the left side is never that large.
 """
 
 from __future__ import annotations
@@ -24,10 +25,11 @@ def impossible(system: System, criterion: str) -> None:
     """Prove that no admissible command reaches the target in any time, or raise `Undecided`."""
     one_sided = system.lower == 0 or system.upper == 0
     at_limit = system.rest != 0 and system.rest in (system.lower, system.upper)
-    decays = any(not root.flexible and root.value.real < 0 for root in system.roots)
+    stable = [root.value.real for root in system.roots if not root.flexible and root.value.real < 0]
+    decays = any(all(zero.value.real < rate for zero in system.zeros) for rate in stable)
     rigid = any(root.value.is_zero() and root.multiplicity >= 2 for root in system.roots)
     met = {"face": rigid and one_sided, "remainder": at_limit and decays}
-    if system.zeros or not met[criterion]:
+    if not met[criterion]:
         raise Undecided(f"the criterion '{criterion}' does not apply to this task")
 
 
