@@ -141,7 +141,7 @@ def test_a_tail_alone_may_touch_its_limit_at_the_first_instant() -> None:
         (task(["-0.5"], ["1", "-0.5"]), "remainder", Outcome.INCONCLUSIVE),
         (task(["1", "1"], ["1", "0", "0"], limits=("0", "1"), rest="output"), "face", Outcome.PROVED),  # the tail cannot pull either
         (task(["1", "1"], ["1", "0", "0"], limits=("-0.001", "1"), rest="output"), "face", Outcome.INCONCLUSIVE),
-        # The rest input is a limit; a tail along -3 and -4 cannot make up for what the pole -1 lacks, one along -1 can for -2.
+        # The rest input is a limit. A tail along -3 and -4 cannot make up for what the pole -1 lacks, one along -1 can for -2.
         (task(["1", "7", "12"], ["1", "8", "17", "10"], "1.2", rest="output"), "remainder", Outcome.PROVED),
         (task(["1", "7", "12"], ["1", "8", "17", "10"], "-1.2", rest="output"), "remainder", Outcome.PROVED),
         (task(["1", "7", "12"], ["1", "8", "17", "10"], "1.19", rest="output"), "remainder", Outcome.INCONCLUSIVE),

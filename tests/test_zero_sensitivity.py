@@ -17,7 +17,6 @@ from independent import StateSpace
 from relaxations import bounds, proofs
 from relaxations.bounds import Bound, Status
 from relaxations.checking.claims import Outcome, check, claim
-from relaxations.checking.reading import read
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
@@ -208,7 +207,7 @@ def test_a_certificate_under_another_limit_is_believed_only_where_it_is_true(nam
 def test_the_claim_tells_the_limit() -> None:
     content = pitch("0.05").certificate
     assert content is not None
-    assert claim(read(content)).splitlines()[5:7] == [
+    assert claim(check(content)).splitlines()[5:7] == [
         "  The tail at zero[1] (zeros by ascending magnitude) moves the output by at most 0.05 of the displacement",
         "  if that zero lies elsewhere, by up to 0.1 of its magnitude; to first order in that distance.",
     ]

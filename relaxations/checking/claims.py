@@ -110,7 +110,7 @@ def claim(found: Check) -> str:
     if tail:
         where = f"within {tail['within']} of the nearer limit's distance from its final rest value"
         lines.append(f"  From {tail['time']} s after T on, the input stays {where}.")
-    for name, pair in limits["zero_sensitivity"].items():
+    for name, pair in task["limits"]["zero_sensitivity"].items():
         moved = f"moves the output by at most {pair['residual']} of the displacement"
         lines.append(f"  The tail at {name} (zeros by ascending magnitude) {moved}")
         lines.append(f"  if that zero lies elsewhere, by up to {pair['shift']} of its magnitude; to first order in that distance.")
