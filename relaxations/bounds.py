@@ -133,9 +133,9 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
     def settled(solution: programs.GridSolution) -> bool:
         """Whether an extremal near a solution follows from it already."""
         off = abs(math.log(max(solution.fraction, 1e-300)))
-        if len(early) == EARLY or off > NEAR or _exponent(problem, solution) <= FLAT:
+        if len(early) == EARLY or off > NEAR or _exponent(solution) <= FLAT:
             return False
-        early.append(found := _refined(problem, solution))
+        early.append(found := _refined(solution))
         if isinstance(found, Failure) or abs(math.log(found.maneuver_time / solution.maneuver_time)) > 2 * NEAR:
             return False
         return not len(problem.tail.exceeded(found.tail_coefficients))
@@ -146,11 +146,12 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         upper = None if command is None else command.maneuver_time
         price = dual.price(problem)
         near = dual.maneuver_time if upper is None else upper
-        lower = float(lower_bound(problem, dual.costate, near, price))
+        lower = float(lower_bound(dual.problem, dual.costate, near, price))
         if upper is not None:
             lower = min(lower, upper)
+        costate = np.array(dual.problem.modal(dual.costate), dtype=float)
         seconds, tail = time.perf_counter() - begun, dual.tail_coefficients
-        return Bound(Status.BRACKETED, lower, upper, dual.costate, command, switches, reason, grid.count, seconds, tail, dual)
+        return Bound(Status.BRACKETED, lower, upper, costate, command, switches, reason, grid.count, seconds, tail, dual)
 
     if grid.settled and isinstance(found := early[-1], Extremal):
         return bound(found, found.command(problem), len(found.switches_to_go), NOT_PROVEN)
@@ -163,7 +164,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
     for start in (grid.above, grid.below):
         if start is None:
             continue
-        found = _refined(problem, start)
+        found = _refined(start)
         if isinstance(found, Failure):
             tried.append(found.reason)
             continue
@@ -185,7 +186,8 @@ def _tail_only(problem: Problem) -> Reals | None:
     return coefficients if np.all(course <= above + slack) and np.all(-course <= below + slack) else None
 
 
-def _refined(problem: Problem, start: programs.GridSolution) -> Extremal | Failure:
+def _refined(start: programs.GridSolution) -> Extremal | Failure:
+    problem = start.problem  # in the coordinates that the program chose
     touching = contacts(problem, start)
     if touching is None:
         return Failure("the tail touches a limit in its course")
@@ -265,7 +267,7 @@ def grid_minimum(
                 raise
             horizon *= 1.001
             continue
-        fraction = solution.fraction
+        fraction, problem = solution.fraction, solution.problem  # in the coordinates that suit it
         if solution.reaches:
             above = solution
         else:
@@ -279,7 +281,7 @@ def grid_minimum(
         if above and below and above.program.maneuver_time / below.program.maneuver_time - 1.0 <= settings.tolerance:
             break
         off = -math.log(max(fraction, 1e-300))
-        exponent = _exponent(problem, solution)
+        exponent = _exponent(solution)
         if exponent and last and max(abs(last[1]) / 8, NOISE) < abs(off) and last[1] < -math.log(VISIBLE):
             # The costate's slope is that of continuous time: where the grid cannot follow short arcs, the slope seen is the better one.
             exponent = (last[1] - off) / math.log(horizon / last[0])
@@ -300,8 +302,9 @@ def grid_minimum(
     return GridMinimum(below, above, count)
 
 
-def _exponent(problem: Problem, solution: programs.GridSolution) -> float:
+def _exponent(solution: programs.GridSolution) -> float:
     """`d log α/d log T`, which the costate knows; 0 where α is known to too few digits."""
+    problem = solution.problem
     end = float(solution.costate @ problem.rows([solution.maneuver_time])[:, 0])
     steepest = solution.maneuver_time * max(problem.upper * end, problem.lower * end)
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0

@@ -1,7 +1,9 @@
-"""Newton's method on an extremal once more, in arithmetic of many digits: for long chains of modes double precision ends (condition 10⁶ at
-40 poles), and a command written with 40 digits makes both sides of a bracket agree to the last bit of a double.
+"""Newton's method on an extremal once more, in arithmetic of many digits: a command written with 45 of them makes both sides of a bracket
+agree to the last bit of a double.
 
-The same square system as in `relaxations.refinement`; python-flint's balls serve as long floats here, nothing is proven.
+The equations are those of `relaxations.refinement`. With as many instants and tail coefficients as the command's own equations (moments,
+contacts of the tail) they are solved for the command alone, and the costate follows from linear equations; with more of them the costate
+takes part. python-flint's balls serve as long floats here, nothing is proven.
 """
 
 from __future__ import annotations
@@ -10,17 +12,18 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import comb, factorial
 
-from flint import acb, arb, arb_mat, fmpq
+from flint import arb, arb_mat
 
+from relaxations.digits import Equations, equations, rational
+from relaxations.frames import decimal
 from relaxations.maneuvers import Problem
-from relaxations.plants import Pole, precision
+from relaxations.plants import precision
 from relaxations.refinement import Extremal
 
 BITS, BITS_PER_EQUATION = 192, 4  # the condition of a chain's equations grows with every mode
 ITERATIONS = 30
-MOST_EQUATIONS = 250  # the dense system of so many is solved in seconds
+MOST_EQUATIONS = 1000
 SHARES = (1, 0.5, 0.25, 0.125, 2.0**-4, 2.0**-6, 2.0**-8)
 DIGITS = 45  # of the numbers handed on
 INSIDE = Fraction(1, 10**30)  # of its room: how far a tail that touches a limit is kept inside it
@@ -38,91 +41,41 @@ class Polished:
 
 
 @dataclass(frozen=True, slots=True)
-class _Exact:
-    """The problem with its roots to full precision: rows as in `relaxations.moments.Basis`."""
+class _System:
+    """The equations of an extremal in two blocks: those of the command x = (s, T, c), and those of the costate y = (λ, μ), linear in y.
 
-    roots: tuple[tuple[acb, int, bool], ...]
-    target: list[arb]
-    zeros: tuple[tuple[acb, int, bool], ...]
-    columns: list[list[arb]]  # columns[j][row]
+    `∫ b u = target + columns c` and `shapes c = room`; `b(s_i)ᵀ λ = 0`, `columnsᵀ λ + shapesᵀ μ = 0` and `targetᵀ λ - roomᵀ μ = 1`.
+    """
 
-    def rows(self, s: arb, integrated: bool) -> list[arb]:
-        """b(s), or its integral from 0, as real rows."""
-        out: list[arb] = []
-        for root, multiplicity, flexible in self.roots:
-            below = acb(1)
-            growth = (root * s).exp()
-            for k in range(multiplicity):
-                value = growth * s**k / factorial(k)
-                if integrated:
-                    below = acb(s ** (k + 1) / factorial(k + 1)) if root.is_zero() else (value - below) / root
-                    value = below
-                out += [value.real, value.imag] if flexible else [value.real]
-        return out
+    exact: Equations
+    levels: Sequence[arb]
+    shapes: arb_mat  # (contacts, n), signed by the contacts' sides
+    room: arb_mat  # (contacts, 1)
 
-    def derivative(self, costate: Sequence[arb]) -> list[arb]:
-        """The costate of `d/ds λᵀb`."""
-        out, at = [], 0
-        for root, multiplicity, flexible in self.roots:
-            width = 2 if flexible else 1
-            chain = [acb(costate[at + width * k], -costate[at + width * k + 1] if flexible else 0) for k in range(multiplicity)]
-            at += width * multiplicity
-            for k in range(multiplicity):
-                changed = chain[k] * root + (chain[k + 1] if k + 1 < multiplicity else 0)
-                out += [changed.real, -changed.imag] if flexible else [changed.real]
-        return out
+    def command(self, x: arb_mat) -> tuple[arb_mat, arb_mat, arb_mat]:
+        """Residuals of the command's equations, their derivative by x, and b at the switches."""
+        m, n, contacts = len(self.levels) - 1, self.shapes.ncols(), self.shapes.nrows()
+        instants, tail = x.entries()[: m + 1], arb_mat(n, 1, x.entries()[m + 1 :])
+        integrals, impulses = self.exact.rows(instants, True), self.exact.rows(instants)
+        jumps = [*(before - after for before, after in itertools.pairwise(self.levels)), self.levels[-1]]
+        missed = integrals * arb_mat(m + 1, 1, jumps) - self.exact.target - self.exact.columns * tail
+        touching = self.shapes * tail - self.room * (1 - arb(rational(INSIDE)))
+        slopes = [
+            [*(b * jump for b, jump in zip(row, jumps, strict=True)), *(-c for c in columns)]
+            for row, columns in zip(impulses.tolist(), self.exact.columns.tolist(), strict=True)
+        ]
+        slopes += [[*[arb(0)] * (m + 1), *row] for row in self.shapes.tolist()] if contacts else []
+        residuals = [*missed.entries(), *touching.entries()]
+        return arb_mat(len(residuals), 1, residuals), arb_mat(slopes), arb_mat([row[:m] for row in impulses.tolist()])
 
-    def shape(self, since: float) -> list[arb]:
-        """The tail at `since` [s] for each unit coefficient."""
-        out, r = [], arb(since)
-        for zero, multiplicity, flexible in self.zeros:
-            for power in range(multiplicity):
-                value = (zero * r).exp() * r**power / factorial(power)
-                out += [value.real, -value.imag] if flexible else [value.real]
-        return out
-
-
-def _q(value: Fraction) -> fmpq:
-    return fmpq(value.numerator, value.denominator)
-
-
-def _roots(wanted: Sequence[Pole], polynomials: Sequence) -> tuple[tuple[acb, int, bool], ...]:
-    found = [ball for polynomial in polynomials if polynomial.degree() > 0 for ball, _ in polynomial.complex_roots()]
-    chosen = []
-    for pole in wanted:
-        near = min(found, key=lambda ball: abs(complex(float(ball.real.mid()), float(ball.imag.mid())) - pole.value))
-        chosen.append((acb(near.real.mid(), near.imag.mid()), pole.multiplicity, pole.is_flexible))
-    return tuple(chosen)
-
-
-def _exact(problem: Problem) -> _Exact:
-    (plant,) = problem.plants
-    maneuver = problem.maneuver
-    roots = _roots(problem.sets[0].basis.poles, [plant.denominator])
-    zeros = _roots(problem.tail.zeros, [plant.numerators[plant.output]])
-    hold = _q(plant.rest_input(maneuver.displacement))
-    target: list[arb] = []
-    for root, multiplicity, flexible in roots:
-        for k in range(multiplicity):
-            if root.is_zero():
-                lowest, static = plant.denominator.coeffs()[multiplicity], plant.numerators[plant.output](fmpq(0))
-                value = acb(_q(maneuver.displacement) * lowest / static) if k == multiplicity - 1 else acb(0)
-            else:
-                value = acb(hold) / (-root) ** (k + 1)
-            target += [value.real, value.imag] if flexible else [value.real]
-    columns = []
-    for zero, powers, pair in zeros:
-        for power in range(powers):
-            for unit in (acb(1), acb(0, 1)) if pair else (acb(1),):
-                column: list[arb] = []
-                for root, multiplicity, flexible in roots:
-                    for k in range(multiplicity):
-                        factor = comb(k + power, power) * (-1) ** power
-                        one, other = (factor / (z - root) ** (k + power + 1) for z in (zero, zero.conjugate()))
-                        value = (unit * one + unit.conjugate() * other) / 2
-                        column += [value.real, value.imag] if flexible else [value.real]
-                columns.append(column)
-    return _Exact(roots, target, zeros, columns)
+    def costate(self, impulses: arb_mat) -> tuple[arb_mat, arb_mat]:
+        """Matrix and right side of the costate's equations, from b at the switches."""
+        contacts = self.shapes.nrows()
+        rows = [[*column, *[arb(0)] * contacts] for column in impulses.transpose().tolist()]
+        tails = zip(self.exact.columns.transpose().tolist(), self.shapes.transpose().tolist(), strict=True)
+        rows += [[*column, *shape] for column, shape in tails] if self.shapes.ncols() else []
+        rows += [[*self.exact.target.entries(), *(-room for room in self.room.entries())]]
+        return arb_mat(rows), arb_mat(len(rows), 1, [0] * (len(rows) - 1) + [1])
 
 
 def polish(problem: Problem, extremal: Extremal, bits: int | None = None) -> Polished | None:
@@ -135,73 +88,52 @@ def polish(problem: Problem, extremal: Extremal, bits: int | None = None) -> Pol
     bits = bits or BITS + BITS_PER_EQUATION * problem.size
     with precision(bits):
         try:
-            return _polish(problem, extremal, _exact(problem), bits)
+            return _polish(problem, extremal, bits)
         except ZeroDivisionError:
             return None
 
 
-def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> Polished | None:
-    contacts = extremal.tail.contacts
-    m, size, n, a = len(extremal.switches_to_go), problem.size, problem.tail.size, len(contacts)
-    if m + 1 + n < size + a:
+def _polish(problem: Problem, extremal: Extremal, bits: int) -> Polished | None:
+    contacts, exact, m = extremal.tail.contacts, equations(problem, bits), len(extremal.switches_to_go)
+    size, n, a = problem.size, problem.tail.size, len(contacts)
+    command = m + 1 + n
+    if command < size + a:
         return None
-    levels = [arb(_q(_level(problem, level))) for level in extremal.levels(problem)]
-    x = [
-        *extremal.switches_to_go,
-        extremal.maneuver_time,
-        *extremal.costate,
-        *extremal.tail.coefficients,
-        *(c.multiplier for c in contacts),
-    ]
-    x = [arb(float(value)) for value in x]
-    shapes = [[c.side * value for value in exact.shape(c.time)] for c in contacts]
-    room = [arb(_q(_exact_room(problem, c.time, c.side))) for c in contacts]
-    width, lam, tail, mu = m + 1 + size + n + a, m + 1, m + 1 + size, m + 1 + size + n
+    shapes = arb_mat(a, n, [c.side * value for c in contacts for value in exact.shapes([c.time]).entries()])
+    room = arb_mat(a, 1, [arb(rational(_exact_room(problem, c.time, c.side))) for c in contacts])
+    levels = [arb(rational(_level(problem, float(level)))) for level in extremal.levels(problem)]
+    system = _System(exact, levels, shapes, room)
+    start = [*extremal.switches_to_go, extremal.maneuver_time, *extremal.tail.coefficients]
+    x = arb_mat(command, 1, [arb(float(value)) for value in start])
+    joint, y = command > size + a, arb_mat(size + a, 1)
+    if joint:
+        costate = [arb(rational(Fraction(value))) for value in problem.modal(extremal.costate)]
+        y = arb_mat(size + a, 1, [*costate, *(arb(c.multiplier) for c in contacts)])
     distance = None
     for _ in range(ITERATIONS):
-        s, time, costate, c, prices = x[:m], x[m], x[lam:tail], x[tail:mu], x[mu:]
-        matrix = [[arb(0)] * width for _ in range(width)]
-        values = [arb(0)] * width
-        table = [exact.rows(at, True) for at in (*s, time)]
-        at_roots, end = [exact.rows(at, False) for at in s], exact.rows(time, False)
-        slope = exact.derivative(costate)
-        for row in range(size):
-            total, before = -exact.target[row], arb(0)
-            for i in range(m + 1):
-                total += levels[i] * (table[i][row] - before)
-                before = table[i][row]
-            values[row] = total - sum((exact.columns[j][row] * c[j] for j in range(n)), arb(0))
-            for i in range(m):
-                matrix[row][i] = at_roots[i][row] * (levels[i] - levels[i + 1])
-                matrix[size + i][lam + row] = at_roots[i][row]
-            matrix[row][m] = levels[m] * end[row]
-            for j in range(n):
-                matrix[row][tail + j] = -exact.columns[j][row]
-                matrix[size + m + j][lam + row] = exact.columns[j][row]
-            matrix[size + m + n][lam + row] = exact.target[row]
-        for i in range(m):
-            values[size + i] = sum((p * q for p, q in zip(costate, at_roots[i], strict=True)), arb(0))
-            matrix[size + i][i] = sum((p * q for p, q in zip(slope, at_roots[i], strict=True)), arb(0))
-        for j in range(n):
-            pulled = sum((p * q for p, q in zip(costate, exact.columns[j], strict=True)), arb(0))
-            values[size + m + j] = pulled + sum((prices[k] * shapes[k][j] for k in range(a)), arb(0))
-            for k in range(a):
-                matrix[size + m + j][mu + k] = shapes[k][j]
-        scaled = sum((p * q for p, q in zip(costate, exact.target, strict=True)), arb(0))
-        values[size + m + n] = scaled - sum((p * r for p, r in zip(prices, room, strict=True)), arb(0)) - 1
-        for k in range(a):
-            matrix[size + m + n][mu + k] = -room[k]
-            inside = room[k] * (1 - arb(_q(INSIDE)))
-            values[size + m + n + 1 + k] = sum((shapes[k][j] * c[j] for j in range(n)), arb(0)) - inside
-            for j in range(n):
-                matrix[size + m + n + 1 + k][tail + j] = shapes[k][j]
-        step = arb_mat([[v.mid() for v in row] for row in matrix]).solve(arb_mat([[v.mid()] for v in values]))
+        missed, slopes, impulses = system.command(x)
+        if joint:
+            matrix, wanted = system.costate(impulses)
+            bends = (arb_mat(1, size, y.entries()[:size]) * exact.slopes() * impulses).entries()
+            bent = [[bends[i] if i == j else arb(0) for j in range(command)] for i in range(m)]
+            bent += [[arb(0)] * command for _ in range(command - m)]
+            whole = [[*row, *[arb(0)] * (size + a)] for row in slopes.tolist()]
+            whole += [[*one, *other] for one, other in zip(bent, matrix.tolist(), strict=True)]
+            residuals = arb_mat(len(whole), 1, [*missed.entries(), *(matrix * y - wanted).entries()])
+            step = arb_mat(whole).mid().solve(residuals.mid(), algorithm="approx").entries()
+        else:
+            step = slopes.mid().solve(missed.mid(), algorithm="approx").entries()
         # A step that would reorder the arcs is shortened: a start may be no better than the grid.
-        share = next((share for share in SHARES if _ordered([x[i] - share * step[i, 0] for i in range(m + 1)])), None)
+        share = next((share for share in SHARES if _ordered([x[i, 0] - share * step[i] for i in range(m + 1)])), None)
         if share is None:
             return None
-        x = [(value - share * step[i, 0]).mid() for i, value in enumerate(x)]
-        moved = max(float(abs(step[i, 0]).mid()) for i in range(m + 1)) / float(x[m].mid())
+        x = arb_mat(command, 1, [value - share * change for value, change in zip(x.entries(), step, strict=False)]).mid()
+        y = (
+            arb_mat(size + a, 1, [value - share * change for value, change in zip(y.entries(), step[command:], strict=False)]).mid()
+            if joint
+            else y
+        )
+        moved = max(float(abs(change).mid()) for change in step[: m + 1]) / float(x[m, 0].mid())
         if not moved < 1e3 or (distance is not None and distance < 1e-6 and moved > distance):
             return None
         if moved < 2.0 ** (-bits // 2):
@@ -209,14 +141,17 @@ def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> P
         distance = moved
     else:
         return None
-    numbers = [_decimal(value) for value in x]
+    if not joint:
+        matrix, wanted = system.costate(system.command(x)[2])
+        y = matrix.mid().solve(wanted, algorithm="approx")
+    numbers, prices = [decimal(value, DIGITS) for value in x.entries()], [decimal(value, DIGITS) for value in y.entries()]
     time = numbers[m]
     starts = (Fraction(0), *(time - value for value in reversed(numbers[:m])))
     if any(after <= before for before, after in zip(starts, (*starts[1:], time), strict=True)):
         return None
-    prices = [max(value, Fraction(0)) for value in numbers[mu:]]
-    pairs = tuple((c.time, p, Fraction(0)) if c.side > 0 else (c.time, Fraction(0), p) for c, p in zip(contacts, prices, strict=True))
-    return Polished(time, starts, tuple(numbers[lam:tail]), tuple(numbers[tail:mu]), pairs)
+    mu = [max(value, Fraction(0)) for value in prices[size:]]
+    pairs = tuple((c.time, p, Fraction(0)) if c.side > 0 else (c.time, Fraction(0), p) for c, p in zip(contacts, mu, strict=True))
+    return Polished(time, starts, tuple(prices[:size]), tuple(numbers[m + 1 :]), pairs)
 
 
 def _ordered(instants: list[arb]) -> bool:
@@ -237,7 +172,3 @@ def _exact_room(problem: Problem, since: float, side: int) -> Fraction:
         tight = maneuver.tail_length[1] * min(above, below)
         above, below = min(above, tight), min(below, tight)
     return above if side > 0 else below
-
-
-def _decimal(value: arb) -> Fraction:
-    return Fraction(value.str(DIGITS, radius=False, more=True))

@@ -14,13 +14,14 @@ evidence: what comes out is a candidate.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from relaxations.conditioning import framed
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.maneuvers import Problem
 
@@ -38,17 +39,21 @@ SETTINGS: dict[str, Any] = {
 
 
 RESIDUAL = 1e-8  # relative; the solver's 1e-10 with room for limits far from the amplitudes used
+DEPENDENT, LOOSE = 1e-6, 1e-2  # what a row adds to those before it, relative to it: where it is less a frame, or another one, is made
+MARGIN = 0.02  # how much longer than the move a frame is, so that it serves for the moves that are looked at next
+INVISIBLE = 1e-6  # a fraction that is so small says little about how long a move should be
 
 
 @dataclass(frozen=True, slots=True)
 class GridProgram:
-    """The program as built.
+    """The program as built, of `problem` in the coordinates chosen for it.
 
     `instants` (N + 1,) of the grid [s] from 0 to the maneuver time, `rows` (m, N) orthonormal, `target` (m,), `basis_change` R with
     rows = R^{-T} · table, limits in input units; of the tail `columns` (m, n) in the same rows, and at the instants `looks` (k,) [s] after
     the move its `shapes` (k, n) and the room `above` and `below` (k,).
     """
 
+    problem: Problem
     instants: Reals
     rows: Reals
     target: Reals
@@ -83,6 +88,11 @@ class GridSolution:
     mu_above: Reals
     mu_below: Reals
     status: str
+
+    @property
+    def problem(self) -> Problem:
+        """The problem in the coordinates of `costate`."""
+        return self.program.problem
 
     @property
     def maneuver_time(self) -> float:
@@ -125,17 +135,33 @@ def build(problem: Problem, instants: Reals, looks: Reals | None = None, inside:
     `looks` [s] are the instants at which the tail's limits are imposed (None: those of the problem's tail), tightened by the fraction
     `inside`.
     """
-    cells = len(instants) - 1
-    integrated = problem.rows(instants[-1] - instants, 1)
-    table = integrated[:, :-1] - integrated[:, 1:]
-    orthonormal, change = np.linalg.qr(table.T)
-    if cells < len(table) or np.any(np.abs(np.diag(change)) <= cells * np.finfo(float).eps * np.linalg.norm(change, axis=0)):
-        raise ShortHorizonError(f"the moment equations are dependent on {cells} intervals over {float(instants[-1])!r} s")
+    horizon, cells = float(instants[-1]), len(instants) - 1
+    if problem.frame and problem.frame.horizon < horizon:
+        problem = framed(problem, horizon * (1.0 + MARGIN)) or replace(problem, frame=None)
+    orthonormal, change, least = _orthonormal(problem, instants)
+    if least < (LOOSE if problem.frame else DEPENDENT) and cells >= problem.size and (other := framed(problem, horizon * (1.0 + MARGIN))):
+        problem = other
+        orthonormal, change, least = _orthonormal(problem, instants)
+    if cells < problem.size or least <= cells * np.finfo(float).eps:
+        raise ShortHorizonError(f"the moment equations are dependent on {cells} intervals over {horizon!r} s")
     target: Reals = np.linalg.solve(change.T, problem.target).astype(np.float64)
     columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
+    # No command of the range's size has more effect than its energy allows: `|Q u| ≤ |u|`, whatever the tail does.
+    least_energy = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0] if problem.tail.size else target
+    most = max(abs(problem.lower), abs(problem.upper)) * np.sqrt(cells) / np.linalg.norm(least_energy)
+    if problem.frame and most < INVISIBLE:
+        raise ShortHorizonError(f"no command reaches more than {most:.1g} of the target in {horizon!r} s")
     at = problem.tail.looks() if looks is None else looks
     shapes, (above, below) = problem.tail.rows(at), (room * (1.0 - inside) for room in problem.tail.room(at))
-    return GridProgram(instants, orthonormal.T, target, change, problem.lower, problem.upper, columns, at, shapes, above, below)
+    return GridProgram(problem, instants, orthonormal.T, target, change, problem.lower, problem.upper, columns, at, shapes, above, below)
+
+
+def _orthonormal(problem: Problem, instants: Reals) -> tuple[Reals, Reals, float]:
+    """Q and R of the transposed table of moments on the grid, and the least share of a row that is not a combination of those before."""
+    integrated = problem.rows(instants[-1] - instants, 1)
+    orthonormal, change = np.linalg.qr((integrated[:, :-1] - integrated[:, 1:]).T)
+    lengths = np.linalg.norm(change, axis=0)
+    return orthonormal, change, float(np.min(np.abs(np.diag(change)) / lengths[: len(change)]))
 
 
 @lru_cache(maxsize=16)

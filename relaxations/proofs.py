@@ -152,8 +152,8 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
     """Both sides of one bracket: of the extremal if there is one, else of the grid."""
     if found.upper == 0.0 and found.command is not None:
         return _instant(problem, task, found)
-    proof = Proof()
-    extremal = found.dual
+    proof, extremal = Proof(), found.dual
+    problem = extremal.problem if extremal else problem
     if isinstance(extremal, programs.GridSolution) and found.upper is not None and (touching := contacts(problem, extremal)) is not None:
         # Where Newton's method in doubles failed, one in more digits may find its way from the grid.
         extremal = outline(problem, extremal.costate, extremal.maneuver_time, touching)
@@ -169,14 +169,14 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
     if proof.lower is None:
         for dual in (found.dual, above):
             if dual is not None:
-                proof = proof.better(Proof(_lower(problem, task, dual, found.upper or dual.maneuver_time)))
+                proof = proof.better(Proof(_lower(dual.problem, task, dual, found.upper or dual.maneuver_time)))
     return proof
 
 
 def _lower(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
     value = lower_bound(problem, dual.costate, near, dual.price(problem))
-    witness = certificates.costate_witness(problem, dual.costate, dual.tail_multipliers)
+    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers)
     for margin in MARGINS if value > 0.0 else ():
         side = Side(Fraction(value * (1.0 - margin)), witness)
         if _accepted(task, lower=side):
@@ -253,7 +253,7 @@ def _repaired(problem: Problem, task: dict[str, Any], near: float, settings: Set
         except SolverError:
             continue
         for snap in (1e-7, 0.0) if solution.reaches else ():
-            fixed = repair(problem, solution, snap)
+            fixed = repair(solution, snap)
             if fixed is None:
                 continue
             names = certificates.tail_unknowns(problem)

@@ -50,8 +50,12 @@ NO_TAIL = TailStart(np.zeros(0), ())
 
 @dataclass(frozen=True, slots=True)
 class Extremal:
-    """A bang-bang command that meets the moments: duration T [s], times to go of the switches (ascending), last level, costate and tail."""
+    """A bang-bang command that meets the moments: duration T [s], times to go of the switches (ascending), last level, costate and tail.
 
+    `problem` is the one in whose coordinates the costate is written.
+    """
+
+    problem: Problem
     maneuver_time: float
     switches_to_go: Reals
     last_level: float
@@ -125,7 +129,7 @@ def outline(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSt
     """The bang-bang command that a costate's signs ask for, nothing solved yet: where Newton's method starts."""
     switches = costate_roots(problem, costate, maneuver_time)
     final = float(costate @ problem.rows([switches[0] / 2 if len(switches) else maneuver_time / 2])[:, 0])
-    return Extremal(maneuver_time, switches, problem.upper if final > 0 else problem.lower, costate, np.inf, 0, tail)
+    return Extremal(problem, maneuver_time, switches, problem.upper if final > 0 else problem.lower, costate, np.inf, 0, tail)
 
 
 def _newton(problem: Problem, costate: Reals, maneuver_time: float, tail: TailStart) -> Extremal | Failure:
@@ -163,7 +167,7 @@ def _newton(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSt
     if np.any(prices < 0.0):
         return Failure(f"{count} switches: a multiplier of the tail's limits is negative, so its contacts are not extremal")
     contacts = tuple(Contact(c.time, c.side, float(mu)) for c, mu in zip(tail.contacts, prices, strict=True))
-    return Extremal(time, s, float(last), multiplier, relative, iteration, TailStart(coefficients, contacts))
+    return Extremal(problem, time, s, float(last), multiplier, relative, iteration, TailStart(coefficients, contacts))
 
 
 @dataclass(frozen=True, slots=True)
