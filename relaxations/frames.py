@@ -51,6 +51,11 @@ class Frame:
     change: arb_mat
     bits: int
 
+    @property
+    def condition(self) -> float:
+        """How much larger than f the terms may be that it is combined of."""
+        return float(np.abs(self.outside).max())
+
     def rows(self, s: Reals, integrals: int) -> Reals:
         """f or its integral at times to go s in [0, horizon] [s]: shape (size, len(s))."""
         coefficients = self.integrals if integrals else self.functions

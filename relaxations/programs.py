@@ -148,7 +148,8 @@ def build(problem: Problem, instants: Reals, looks: Reals | None = None, inside:
     columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
     # No command of the range's size has more effect than its energy allows: `|Q u| ≤ |u|`, whatever the tail does.
     least_energy = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0] if problem.tail.size else target
-    most = max(abs(problem.lower), abs(problem.upper)) * np.sqrt(cells) / np.linalg.norm(least_energy)
+    with np.errstate(over="ignore"):
+        most = max(abs(problem.lower), abs(problem.upper)) * np.sqrt(cells) / np.linalg.norm(least_energy)
     if problem.frame and most < INVISIBLE:
         raise ShortHorizonError(f"no command reaches more than {most:.1g} of the target in {horizon!r} s")
     at = problem.tail.looks() if looks is None else looks

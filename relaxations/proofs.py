@@ -36,6 +36,9 @@ MARGINS = (2e-14, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5)
 RADII = (1e-18, 1e-14, 1e-10, 1e-8)
 """Radii of Krawczyk's test relative to the maneuver time."""
 
+SMALL = 1e-7
+"""The finest of them times the equations' condition: the test contracts where that is small."""
+
 BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
 
@@ -226,7 +229,8 @@ def _witnesses(problem: Problem, extremal: Extremal, duration: Number, starts: N
     columns = np.hstack([slopes.sum(axis=1, keepdims=True), slopes[:, 1:], -problem.tail.columns * largest])
     columns /= np.abs(columns).max(axis=1)[:, None]
     free = [names[i] for i in np.sort(pivots(columns)[:size])]
-    for radius in RADII if isinstance(duration, Fraction) else RADII[2:]:
+    finest = min(RADII[0], SMALL / problem.frame.condition) if problem.frame else RADII[0]
+    for radius in (finest, *RADII[1:]) if isinstance(duration, Fraction) else RADII[2:]:
         chains = certificates.tail_chains(problem, tail)
         yield certificates.command_witness(duration, starts, levels, chains, free, radius * float(duration))
 
