@@ -104,6 +104,7 @@ class GridMinimum:
 CUTS = 6  # rounds of cutting planes for the tail's limits
 FLAT = 1e-3  # d log α/d log T below which α says nothing about the time
 NEAR, EARLY = 0.05, 2  # of log α: Newton's method on the switches is tried from there on, so often
+CLOSE, ENERGIES = 1.05, 60  # ratio of the two times that the energy's estimate ends with, and how many it may look at
 STALLS = 3  # times that the solver may give no answer, in one search
 FARTHEST = 1e6  # times the plant's own time scale: a target that is out of reach until then is called so
 LARGEST_EXPONENT = 600.0  # of e^{pT} for an unstable pole p: a double ends at e^709
@@ -245,10 +246,11 @@ def grid_minimum(
     growth = max((pole.value.real for target in problem.sets for pole in target.basis.poles), default=0.0)
     horizon = first = _first_guess(problem) if growth <= 0.0 else min(_first_guess(problem), 1.0 / growth)
     farthest = FARTHEST * first if growth <= 0.0 else LARGEST_EXPONENT / growth
-    horizon = near or horizon
+    short = 0.0 if near else _energy_time(problem, settings, horizon, farthest)
+    horizon = near or min(CLOSE * short, farthest)
     below: programs.GridSolution | None = None
     above: programs.GridSolution | None = None
-    count, stalled, short = 0, 0, 0.0
+    count, stalled = 0, 0
     last: tuple[float, float] | None = None  # time and -log α before
     while count < settings.programs:
         count += 1
@@ -308,6 +310,20 @@ def _exponent(solution: programs.GridSolution) -> float:
     end = float(solution.costate @ problem.rows([solution.maneuver_time])[:, 0])
     steepest = solution.maneuver_time * max(problem.upper * end, problem.lower * end)
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0
+
+
+def _energy_time(problem: Problem, settings: Settings, guess: float, farthest: float) -> float:
+    """A time [s], `CLOSE` to the longest of which the command's energy alone says that it is too short; no program is solved for that."""
+    low, high, horizon = 0.0, math.inf, guess
+    for _ in range(ENERGIES):
+        if programs.energy_bound(problem, instants(problem, horizon, settings)) < 1.0:
+            low = horizon
+        else:
+            high = horizon
+        if high <= CLOSE * low or low >= farthest:
+            break
+        horizon = min(1.5 * low, farthest) if math.isinf(high) else math.sqrt(low * high) if low else high / 2.0
+    return low
 
 
 def _first_guess(problem: Problem) -> float:

@@ -41,7 +41,7 @@ SETTINGS: dict[str, Any] = {
 RESIDUAL = 1e-8  # relative; the solver's 1e-10 with room for limits far from the amplitudes used
 DEPENDENT, LOOSE = 1e-6, 1e-2  # what a row adds to those before it, relative to it: where it is less a frame, or another one, is made
 MARGIN = 0.02  # how much longer than the move a frame is, so that it serves for the moves that are looked at next
-INVISIBLE = 1e-6  # a fraction that is so small says little about how long a move should be
+NEGLIGIBLE = 1e-10  # of a row: combinations of rows that are as small as that are not looked at
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,15 +146,28 @@ def build(problem: Problem, instants: Reals, looks: Reals | None = None, inside:
         raise ShortHorizonError(f"the moment equations are dependent on {cells} intervals over {horizon!r} s")
     target: Reals = np.linalg.solve(change.T, problem.target).astype(np.float64)
     columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
-    # No command of the range's size has more effect than its energy allows: `|Q u| ≤ |u|`, whatever the tail does.
-    least_energy = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0] if problem.tail.size else target
-    with np.errstate(over="ignore"):
-        most = max(abs(problem.lower), abs(problem.upper)) * np.sqrt(cells) / np.linalg.norm(least_energy)
-    if problem.frame and most < INVISIBLE:
-        raise ShortHorizonError(f"no command reaches more than {most:.1g} of the target in {horizon!r} s")
     at = problem.tail.looks() if looks is None else looks
     shapes, (above, below) = problem.tail.rows(at), (room * (1.0 - inside) for room in problem.tail.room(at))
     return GridProgram(problem, instants, orthonormal.T, target, change, problem.lower, problem.upper, columns, at, shapes, above, below)
+
+
+def energy_bound(problem: Problem, instants: Reals) -> float:
+    """What α cannot exceed on the grid of `instants` [s], for the command's energy alone: no program is solved.
+
+    For every y with `yᵀ target = 1` that is orthogonal to the tail's columns, `α = yᵀ A u ≤ |Aᵀ y| |u|`; the best y is a least-squares
+    problem. That holds for the rounded one too, so that dependent rows do no harm.
+    """
+    widths = np.sqrt(np.diff(instants))
+    integrated = problem.rows(instants[-1] - instants, 1)
+    change = np.linalg.qr(((integrated[:, :-1] - integrated[:, 1:]) / widths).T, mode="r")
+    lengths = np.linalg.norm(change, axis=0)
+    left, sizes, _ = np.linalg.svd((change / lengths).T)
+    sizes = np.append(sizes, np.zeros(len(left) - len(sizes)))
+    damped = np.hypot(sizes, NEGLIGIBLE)
+    wanted, free = (left.T @ (column.T / lengths).T / damped[:, None] for column in (problem.target[:, None], problem.tail.columns))
+    best = (wanted - free @ np.linalg.lstsq(free, wanted, rcond=None)[0])[:, 0]
+    energy = max(abs(problem.lower), abs(problem.upper)) * np.sqrt(instants[-1])
+    return float(energy * np.linalg.norm(sizes / damped * best) / (best @ best))
 
 
 def _orthonormal(problem: Problem, instants: Reals) -> tuple[Reals, Reals, float]:
