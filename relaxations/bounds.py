@@ -247,7 +247,7 @@ def grid_minimum(
     horizon = first = _first_guess(problem) if growth <= 0.0 else min(_first_guess(problem), 1.0 / growth)
     farthest = FARTHEST * first if growth <= 0.0 else LARGEST_EXPONENT / growth
     short = 0.0 if near else _energy_time(problem, settings, horizon, farthest)
-    horizon = near or min(CLOSE * short, farthest)
+    horizon = near or min(CLOSE * short, farthest) or horizon
     below: programs.GridSolution | None = None
     above: programs.GridSolution | None = None
     count, stalled = 0, 0
@@ -313,14 +313,12 @@ def _exponent(solution: programs.GridSolution) -> float:
 
 
 def _energy_time(problem: Problem, settings: Settings, guess: float, farthest: float) -> float:
-    """A time [s], `CLOSE` to the longest of which the command's energy alone says that it is too short; no program is solved for that."""
+    """A time [s] that is too short for the command's energy alone, close to the longest such; 0 if there is none. No program is solved."""
     low, high, horizon = 0.0, math.inf, guess
     for _ in range(ENERGIES):
-        if programs.energy_bound(problem, instants(problem, horizon, settings)) < 1.0:
-            low = horizon
-        else:
-            high = horizon
-        if high <= CLOSE * low or low >= farthest:
+        most = programs.energy_bound(problem, instants(problem, horizon, settings))
+        low, high = (horizon, high) if most < 1.0 else (low, horizon)
+        if math.isinf(most) or high <= CLOSE * low or low >= farthest:
             break
         horizon = min(1.5 * low, farthest) if math.isinf(high) else math.sqrt(low * high) if low else high / 2.0
     return low

@@ -167,7 +167,9 @@ def energy_bound(problem: Problem, instants: Reals) -> float:
     wanted, free = (left.T @ (column.T / lengths).T / damped[:, None] for column in (problem.target[:, None], problem.tail.columns))
     best = (wanted - free @ np.linalg.lstsq(free, wanted, rcond=None)[0])[:, 0]
     energy = max(abs(problem.lower), abs(problem.upper)) * np.sqrt(instants[-1])
-    return float(energy * np.linalg.norm(sizes / damped * best) / (best @ best))
+    least = float(np.linalg.norm(best))
+    reached = least <= NEGLIGIBLE * float(np.linalg.norm(wanted))  # by the tail, which may be as large as it likes here
+    return np.inf if reached else float(energy * np.linalg.norm(sizes / damped * best)) / least / least
 
 
 def _orthonormal(problem: Problem, instants: Reals) -> tuple[Reals, Reals, float]:

@@ -106,8 +106,8 @@ def _levels(problem: Problem, last: float, switches: int) -> Reals:
 def moment_residual(problem: Problem, levels: Reals, to_go: Reals) -> tuple[Reals, Reals]:
     """`∫ b u - target` for arcs of constant `levels` between the instants `to_go` (0 … T), and the size of the terms that cancel in it."""
     table = problem.rows(to_go, 1)
-    pieces = np.diff(table, axis=1) * levels
-    return pieces.sum(axis=1) - problem.target, np.maximum(np.abs(pieces).sum(axis=1), np.abs(problem.target))
+    sizes = (np.abs(table[:, 1:]) + np.abs(table[:, :-1])) @ np.abs(levels)  # a single arc's integral may vanish as a difference
+    return np.diff(table, axis=1) @ levels - problem.target, np.maximum(sizes, np.abs(problem.target))
 
 
 def refine(problem: Problem, costate: Reals, maneuver_time: float, tail: TailStart = NO_TAIL) -> Extremal | Failure:
