@@ -39,7 +39,7 @@ SETTINGS: dict[str, Any] = {
 
 
 RESIDUAL = 1e-8  # relative; the solver's 1e-10 with room for limits far from the amplitudes used
-DEPENDENT, LOOSE = 1e-6, 1e-2  # what a row adds to those before it, relative to it: where it is less a frame, or another one, is made
+DEPENDENT, LOOSE = 1e-4, 1e-2  # what a row adds to those before it, relative to it: where it is less a frame, or another one, is made
 MARGIN = 0.02  # how much longer than the move a frame is, so that it serves for the moves that are looked at next
 NEGLIGIBLE = 1e-10  # of a row: combinations of rows that are as small as that are not looked at
 
