@@ -52,21 +52,23 @@ class _System:
     shapes: arb_mat  # (contacts, n), signed by the contacts' sides
     room: arb_mat  # (contacts, 1)
 
-    def command(self, x: arb_mat) -> tuple[arb_mat, arb_mat, arb_mat]:
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers of unknowns of the command and of the costate: each block has as many equations as the other has unknowns."""
+        return len(self.levels) + self.shapes.ncols(), self.exact.target.nrows() + self.shapes.nrows()
+
+    def command(self, x: Sequence[arb]) -> tuple[list[arb], list[list[arb]], arb_mat]:
         """Residuals of the command's equations, their derivative by x, and b at the switches."""
-        m, n, contacts = len(self.levels) - 1, self.shapes.ncols(), self.shapes.nrows()
-        instants, tail = x.entries()[: m + 1], arb_mat(n, 1, x.entries()[m + 1 :])
+        arcs, n = len(self.levels), self.shapes.ncols()
+        instants, tail = x[:arcs], arb_mat(n, 1, x[arcs : arcs + n])
         integrals, impulses = self.exact.rows(instants, True), self.exact.rows(instants)
         jumps = [*(before - after for before, after in itertools.pairwise(self.levels)), self.levels[-1]]
-        missed = integrals * arb_mat(m + 1, 1, jumps) - self.exact.target - self.exact.columns * tail
+        missed = integrals * arb_mat(arcs, 1, jumps) - self.exact.target - self.exact.columns * tail
         touching = self.shapes * tail - self.room * (1 - arb(rational(INSIDE)))
-        slopes = [
-            [*(b * jump for b, jump in zip(row, jumps, strict=True)), *(-c for c in columns)]
-            for row, columns in zip(impulses.tolist(), self.exact.columns.tolist(), strict=True)
-        ]
-        slopes += [[*[arb(0)] * (m + 1), *row] for row in self.shapes.tolist()] if contacts else []
-        residuals = [*missed.entries(), *touching.entries()]
-        return arb_mat(len(residuals), 1, residuals), arb_mat(slopes), arb_mat([row[:m] for row in impulses.tolist()])
+        rows = zip(impulses.tolist(), self.exact.columns.tolist(), strict=True)
+        slopes = [[*(b * jump for b, jump in zip(row, jumps, strict=True)), *(-c for c in columns)] for row, columns in rows]
+        slopes += [[*[arb(0)] * arcs, *row] for row in self.shapes.tolist()] if n else []
+        return [*missed.entries(), *touching.entries()], slopes, arb_mat([row[:-1] for row in impulses.tolist()])
 
     def costate(self, impulses: arb_mat) -> tuple[arb_mat, arb_mat]:
         """Matrix and right side of the costate's equations, from b at the switches."""
@@ -77,13 +79,33 @@ class _System:
         rows += [[*self.exact.target.entries(), *(-room for room in self.room.entries())]]
         return arb_mat(rows), arb_mat(len(rows), 1, [0] * (len(rows) - 1) + [1])
 
+    def step(self, z: Sequence[arb]) -> list[arb]:
+        """Newton's step for the command z = x, or for command and costate z = (x, y) together."""
+        command, costate = self.sizes
+        missed, slopes, impulses = self.command(z)
+        if len(z) == command:
+            return _solved(arb_mat(slopes), arb_mat(command, 1, missed))
+        matrix, wanted = self.costate(impulses)
+        y, m = arb_mat(costate, 1, z[command:]), len(self.levels) - 1
+        bends = (
+            arb_mat(1, self.exact.target.nrows(), z[command : command + self.exact.target.nrows()]) * self.exact.slopes() * impulses
+        ).entries()
+        whole = [[*row, *[arb(0)] * costate] for row in slopes]
+        for i, row in enumerate(matrix.tolist()):
+            whole.append([*(bends[i] if i == j < m else arb(0) for j in range(command)), *row])
+        return _solved(arb_mat(whole), arb_mat(command + costate, 1, [*missed, *(matrix * y - wanted).entries()]))
+
+
+def _solved(matrix: arb_mat, right: arb_mat) -> list[arb]:
+    return matrix.mid().solve(right.mid(), algorithm="approx").entries()
+
 
 def polish(problem: Problem, extremal: Extremal, bits: int | None = None) -> Polished | None:
     """The extremal to some 45 digits, or None if Newton's method leaves it (degenerate optima have no square system).
 
     It may also start from a mere outline (`relaxations.refinement.outline`), where double precision has failed.
     """
-    if len(problem.plants) != 1 or problem.size + len(extremal.switches_to_go) > MOST_EQUATIONS:
+    if len(problem.plants) != 1:
         return None
     bits = bits or BITS + BITS_PER_EQUATION * problem.size
     with precision(bits):
@@ -94,64 +116,48 @@ def polish(problem: Problem, extremal: Extremal, bits: int | None = None) -> Pol
 
 
 def _polish(problem: Problem, extremal: Extremal, bits: int) -> Polished | None:
-    contacts, exact, m = extremal.tail.contacts, equations(problem, bits), len(extremal.switches_to_go)
-    size, n, a = problem.size, problem.tail.size, len(contacts)
-    command = m + 1 + n
-    if command < size + a:
-        return None
-    shapes = arb_mat(a, n, [c.side * value for c in contacts for value in exact.shapes([c.time]).entries()])
-    room = arb_mat(a, 1, [arb(rational(_exact_room(problem, c.time, c.side))) for c in contacts])
+    contacts, exact, arcs = extremal.tail.contacts, equations(problem, bits), len(extremal.switches_to_go) + 1
+    shapes = [c.side * value for c in contacts for value in exact.shapes([c.time]).entries()]
+    room = [arb(rational(_exact_room(problem, c.time, c.side))) for c in contacts]
     levels = [arb(rational(_level(problem, float(level)))) for level in extremal.levels(problem)]
-    system = _System(exact, levels, shapes, room)
-    start = [*extremal.switches_to_go, extremal.maneuver_time, *extremal.tail.coefficients]
-    x = arb_mat(command, 1, [arb(float(value)) for value in start])
-    joint, y = command > size + a, arb_mat(size + a, 1)
-    if joint:
-        costate = [arb(rational(Fraction(value))) for value in problem.modal(extremal.costate)]
-        y = arb_mat(size + a, 1, [*costate, *(arb(c.multiplier) for c in contacts)])
-    distance = None
+    system = _System(exact, levels, arb_mat(len(room), problem.tail.size, shapes), arb_mat(len(room), 1, room))
+    command, costate = system.sizes
+    z = [arb(float(value)) for value in (*extremal.switches_to_go, extremal.maneuver_time, *extremal.tail.coefficients)]
+    if command > costate:  # the costate's roots determine the switches
+        z += [arb(rational(Fraction(value))) for value in problem.modal(extremal.costate)] + [arb(c.multiplier) for c in contacts]
+    if command < costate or len(z) > MOST_EQUATIONS:
+        return None
+    found = _newton(system, z, bits)
+    if found is None:
+        return None
+    y = found[command:] or _solved(*system.costate(system.command(found)[2]))
+    numbers, prices = ([decimal(value, DIGITS) for value in part] for part in (found[:command], y))
+    time = numbers[arcs - 1]
+    starts = (Fraction(0), *(time - value for value in reversed(numbers[: arcs - 1])))
+    if any(after <= before for before, after in zip(starts, (*starts[1:], time), strict=True)):
+        return None
+    mu = [max(value, Fraction(0)) for value in prices[problem.size :]]
+    pairs = tuple((c.time, p, Fraction(0)) if c.side > 0 else (c.time, Fraction(0), p) for c, p in zip(contacts, mu, strict=True))
+    return Polished(time, starts, tuple(prices[: problem.size]), tuple(numbers[arcs:]), pairs)
+
+
+def _newton(system: _System, z: list[arb], bits: int) -> list[arb] | None:
+    """Newton's method from z, or None if it comes to no end."""
+    distance, arcs = None, len(system.levels)
     for _ in range(ITERATIONS):
-        missed, slopes, impulses = system.command(x)
-        if joint:
-            matrix, wanted = system.costate(impulses)
-            bends = (arb_mat(1, size, y.entries()[:size]) * exact.slopes() * impulses).entries()
-            bent = [[bends[i] if i == j else arb(0) for j in range(command)] for i in range(m)]
-            bent += [[arb(0)] * command for _ in range(command - m)]
-            whole = [[*row, *[arb(0)] * (size + a)] for row in slopes.tolist()]
-            whole += [[*one, *other] for one, other in zip(bent, matrix.tolist(), strict=True)]
-            residuals = arb_mat(len(whole), 1, [*missed.entries(), *(matrix * y - wanted).entries()])
-            step = arb_mat(whole).mid().solve(residuals.mid(), algorithm="approx").entries()
-        else:
-            step = slopes.mid().solve(missed.mid(), algorithm="approx").entries()
+        step = system.step(z)
         # A step that would reorder the arcs is shortened: a start may be no better than the grid.
-        share = next((share for share in SHARES if _ordered([x[i, 0] - share * step[i] for i in range(m + 1)])), None)
+        share = next((share for share in SHARES if _ordered([z[i] - share * step[i] for i in range(arcs)])), None)
         if share is None:
             return None
-        x = arb_mat(command, 1, [value - share * change for value, change in zip(x.entries(), step, strict=False)]).mid()
-        y = (
-            arb_mat(size + a, 1, [value - share * change for value, change in zip(y.entries(), step[command:], strict=False)]).mid()
-            if joint
-            else y
-        )
-        moved = max(float(abs(change).mid()) for change in step[: m + 1]) / float(x[m, 0].mid())
+        z = [(value - share * change).mid() for value, change in zip(z, step, strict=True)]
+        moved = max(float(abs(change).mid()) for change in step[:arcs]) / float(z[arcs - 1].mid())
         if not moved < 1e3 or (distance is not None and distance < 1e-6 and moved > distance):
             return None
         if moved < 2.0 ** (-bits // 2):
-            break
+            return z
         distance = moved
-    else:
-        return None
-    if not joint:
-        matrix, wanted = system.costate(system.command(x)[2])
-        y = matrix.mid().solve(wanted, algorithm="approx")
-    numbers, prices = [decimal(value, DIGITS) for value in x.entries()], [decimal(value, DIGITS) for value in y.entries()]
-    time = numbers[m]
-    starts = (Fraction(0), *(time - value for value in reversed(numbers[:m])))
-    if any(after <= before for before, after in zip(starts, (*starts[1:], time), strict=True)):
-        return None
-    mu = [max(value, Fraction(0)) for value in prices[size:]]
-    pairs = tuple((c.time, p, Fraction(0)) if c.side > 0 else (c.time, Fraction(0), p) for c, p in zip(contacts, mu, strict=True))
-    return Polished(time, starts, tuple(prices[:size]), tuple(numbers[m + 1 :]), pairs)
+    return None
 
 
 def _ordered(instants: list[arb]) -> bool:

@@ -44,6 +44,7 @@ def antisymmetric(masses: int, command: Command, digits: int = 8) -> arb:
         starts = [half, *(half - segment.start for segment in command.segments[1:n])]
         d = [arb(f"{start:.{digits}g}") for start in starts]
         frequencies = [2 * (arb.pi() * k / (2 * n)).sin() for k in range(1, n)]
+        missed: list[arb] = []
         for _ in range(12):
             jumps = [1, *(2 * (-1) ** i for i in range(1, n))]
             middle = (-1) ** n
