@@ -107,6 +107,7 @@ CAPPED = 1e-6  # of the terms of the costate's equation at a coefficient: if mor
 CUTS = 6  # rounds of cutting planes for the tail's limits
 FLAT = 1e-3  # d log α/d log T below which α says nothing about the time
 NEAR, EARLY = 0.05, 2  # of log α: Newton's method on the switches is tried from there on, so often
+CLOSE, ENERGIES = 1.05, 60  # ratio of the two times that the energy's estimate ends with, and how many it may look at
 STALLS = 3  # times that the solver may give no answer, in one search
 FARTHEST = 1e6  # times the plant's own time scale: a target that is out of reach until then is called so
 LARGEST_EXPONENT = 600.0  # of e^{pT} for an unstable pole p: a double ends at e^709
@@ -136,9 +137,9 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
     def settled(solution: programs.GridSolution) -> bool:
         """Whether an extremal near a solution follows from it already."""
         off = abs(math.log(max(solution.fraction, 1e-300)))
-        if len(early) == EARLY or off > NEAR or _exponent(problem, solution) <= FLAT:
+        if len(early) == EARLY or off > NEAR or _exponent(solution) <= FLAT:
             return False
-        early.append(found := _refined(problem, solution))
+        early.append(found := _refined(solution))
         return isinstance(found, Extremal) and abs(math.log(found.maneuver_time / solution.maneuver_time)) <= 2 * NEAR
 
     grid = _cut_minimum(problem, chosen, near, settled)
@@ -147,11 +148,12 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         upper = None if command is None else command.maneuver_time
         price = dual.price(problem)
         near = dual.maneuver_time if upper is None else upper
-        lower = float(lower_bound(problem, dual.costate, near, price))
+        lower = float(lower_bound(dual.problem, dual.costate, near, price))
         if upper is not None:
             lower = min(lower, upper)
+        costate = np.array(dual.problem.modal(dual.costate), dtype=float)
         seconds, tail = time.perf_counter() - begun, dual.tail_coefficients
-        return Bound(Status.BRACKETED, lower, upper, dual.costate, command, switches, reason, grid.count, seconds, tail, dual)
+        return Bound(Status.BRACKETED, lower, upper, costate, command, switches, reason, grid.count, seconds, tail, dual)
 
     if grid.settled and isinstance(found := early[-1], Extremal):
         return bound(found, found.command(problem), len(found.switches_to_go), NOT_PROVEN)
@@ -164,7 +166,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
     for start in (grid.above, grid.below):
         if start is None:
             continue
-        found = _refined(problem, start)
+        found = _refined(start)
         if isinstance(found, Failure):
             tried.append(found.reason)
             continue
@@ -188,7 +190,8 @@ def _tail_only(problem: Problem) -> Reals | None:
     return coefficients if max(over) <= 0.0 else None
 
 
-def _refined(problem: Problem, start: programs.GridSolution) -> Extremal | Failure:
+def _refined(start: programs.GridSolution) -> Extremal | Failure:
+    problem = start.problem  # in the coordinates that the program chose
     return refine(problem, start.costate, start.maneuver_time, contacts(problem, start))
 
 
@@ -247,10 +250,11 @@ def grid_minimum(
     growth = max((pole.value.real for target in problem.sets for pole in target.basis.poles), default=0.0)
     horizon = first = _first_guess(problem) if growth <= 0.0 else min(_first_guess(problem), 1.0 / growth)
     farthest = FARTHEST * first if growth <= 0.0 else LARGEST_EXPONENT / growth
-    horizon = near or horizon
+    short = 0.0 if near else _energy_time(problem, settings, horizon, farthest)
+    horizon = near or min(CLOSE * short, farthest) or horizon
     below: programs.GridSolution | None = None
     above: programs.GridSolution | None = None
-    count, stalled, short = 0, 0, 0.0
+    count, stalled = 0, 0
     last: tuple[float, float] | None = None  # time and -log α before
     while count < settings.programs:
         count += 1
@@ -269,7 +273,7 @@ def grid_minimum(
                 raise
             horizon *= 1.001
             continue
-        fraction = solution.fraction
+        fraction, problem = solution.fraction, solution.problem  # in the coordinates that suit it
         if solution.reaches:
             above = solution
         else:
@@ -283,7 +287,7 @@ def grid_minimum(
         if above and below and above.program.maneuver_time / below.program.maneuver_time - 1.0 <= settings.tolerance:
             break
         off = -math.log(max(fraction, 1e-300))
-        exponent = _exponent(problem, solution)
+        exponent = _exponent(solution)
         if exponent and last and max(abs(last[1]) / 8, NOISE) < abs(off) and last[1] < -math.log(VISIBLE):
             # The costate's slope is that of continuous time: where the grid cannot follow short arcs, the slope seen is the better one.
             exponent = (last[1] - off) / math.log(horizon / last[0])
@@ -304,11 +308,24 @@ def grid_minimum(
     return GridMinimum(below, above, count)
 
 
-def _exponent(problem: Problem, solution: programs.GridSolution) -> float:
+def _exponent(solution: programs.GridSolution) -> float:
     """`d log α/d log T`, which the costate knows; 0 where α is known to too few digits."""
+    problem = solution.problem
     end = float(solution.costate @ problem.rows([solution.maneuver_time])[:, 0])
     steepest = solution.maneuver_time * max(problem.upper * end, problem.lower * end)
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0
+
+
+def _energy_time(problem: Problem, settings: Settings, guess: float, farthest: float) -> float:
+    """A time [s] that is too short for the command's energy alone, close to the longest such; 0 if there is none. No program is solved."""
+    low, high, horizon = 0.0, math.inf, guess
+    for _ in range(ENERGIES):
+        most = programs.energy_bound(problem, instants(problem, horizon, settings))
+        low, high = (horizon, high) if most < 1.0 else (low, horizon)
+        if math.isinf(most) or high <= CLOSE * low or low >= farthest:
+            break
+        horizon = min(1.5 * low, farthest) if math.isinf(high) else math.sqrt(low * high) if low else high / 2.0
+    return low
 
 
 def _first_guess(problem: Problem) -> float:

@@ -129,7 +129,10 @@ def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.
         following = time + step
         if not low < following < high:
             following = (low + high) / 2 if np.isfinite(high) else 2 * time
-        if abs(following - time) <= 4 * np.finfo(float).eps * time or high - low <= 4 * np.finfo(float).eps * high:
-            break
+        close = 4 * np.finfo(float).eps
+        if abs(following - time) <= close * time or high - low <= close * high:
+            if best > 0.0:
+                break
+            following = (1.0 - close) * time  # rounding alone keeps (2) from being violated: it does not so a little earlier
         time = following
     return best

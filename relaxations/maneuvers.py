@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations.errors import ManeuverError
+from relaxations.frames import Frame
 from relaxations.moments import Basis
 from relaxations.plants import Exact, LinearPlant, Pole, exact, roots
 from relaxations.tails import TailLength, TailSpace, caps, tail_columns
@@ -69,7 +70,8 @@ class TargetSet:
 class Problem:
     """One command for a list of plants: deviations `lower ≤ u - u_0 ≤ upper` (input units), `hold` that of the final rest.
 
-    `plants` and `maneuver` are the exact data that the floating-point rest was made from.
+    `plants` and `maneuver` are the exact data that the floating-point rest was made from. With a `frame` all equations are written in its
+    coordinates (`relaxations.conditioning`).
     """
 
     lower: float
@@ -81,6 +83,7 @@ class Problem:
     tail: TailSpace
     rest: float = 0.0
     notes: tuple[str, ...] = field(default=())
+    frame: Frame | None = None
 
     @property
     def size(self) -> int:
@@ -90,11 +93,21 @@ class Problem:
     @property
     def target(self) -> Reals:
         """All target sets' right-hand sides in one column."""
-        return np.concatenate([target.target for target in self.sets])
+        return self.frame.target if self.frame else np.concatenate([target.target for target in self.sets])
 
     def rows(self, s: Sequence[float] | Reals, integrals: int = 0) -> Reals:
         """All target sets' `b(s)`, or its integrals from 0, stacked: shape (size, len(s))."""
-        return np.vstack([target.basis.rows(s, integrals) for target in self.sets])
+        points = np.atleast_1d(np.asarray(s, dtype=float))
+        if self.frame is None:
+            return np.vstack([target.basis.rows(points, integrals) for target in self.sets])
+        rows, beyond = self.frame.rows(points, integrals), points > self.frame.horizon
+        if beyond.any():  # with few digits only: to look over the edge
+            rows[:, beyond] = self.frame.outside @ np.vstack([target.basis.rows(points[beyond], integrals) for target in self.sets])
+        return rows
+
+    def modal(self, costate: Reals) -> tuple[Fraction, ...] | Reals:
+        """The costate of the moments themselves, where a frame is in use: exact numbers of many digits."""
+        return self.frame.modal(costate) if self.frame else costate
 
     def absolute(self, deviation: float) -> float:
         """The input itself, in input units: adding the rest must not round a level beyond its limit."""
@@ -103,6 +116,8 @@ class Problem:
 
     def derivative(self, costate: Reals) -> Reals:
         """Costate of ds-derivative of `p(s) = λᵀ b(s)`."""
+        if self.frame:
+            return costate @ self.frame.slopes
         parts = np.split(costate, np.cumsum([target.basis.size for target in self.sets])[:-1])
         return np.concatenate([target.basis.derivative(part) for target, part in zip(self.sets, parts, strict=True)])
 

@@ -1,7 +1,9 @@
-"""Newton's method on an extremal once more, in arithmetic of many digits: for long chains of modes double precision ends (condition 10⁶ at
-40 poles), and a command written with 40 digits makes both sides of a bracket agree to the last bit of a double.
+"""Newton's method on an extremal once more, in arithmetic of many digits: a command written with 45 of them makes both sides of a bracket
+agree to the last bit of a double.
 
-The same square system as in `relaxations.refinement`; python-flint's balls serve as long floats here, nothing is proven.
+The equations are those of `relaxations.refinement`. With as many instants and tail coefficients as the command's own equations (moments,
+contacts of the tail) they are solved for the command alone, and the costate follows from linear equations; with more of them the costate
+takes part. python-flint's balls serve as long floats here, nothing is proven.
 """
 
 from __future__ import annotations
@@ -10,18 +12,19 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import comb, factorial
 
-from flint import acb, arb, arb_mat, fmpq
+from flint import arb, arb_mat
 
+from relaxations.digits import Equations, equations, rational
+from relaxations.frames import decimal
 from relaxations.maneuvers import Problem
-from relaxations.plants import Pole, precision
+from relaxations.plants import precision
 from relaxations.refinement import Extremal
 from relaxations.tails import Contact, cap_bound
 
 BITS, BITS_PER_EQUATION = 192, 4  # the condition of a chain's equations grows with every mode
 ITERATIONS = 30
-MOST_EQUATIONS = 250  # the dense system of so many is solved in seconds
+MOST_EQUATIONS = 1000
 SHARES = (1, 0.5, 0.25, 0.125, 2.0**-4, 2.0**-6, 2.0**-8)
 DIGITS = 45  # of the numbers handed on
 INSIDE = Fraction(1, 10**30)  # of the input's range, or a cap: how far a tail that touches a limit is kept inside it
@@ -39,111 +42,89 @@ class Polished:
 
 
 @dataclass(frozen=True, slots=True)
-class _Exact:
-    """The problem with its roots to full precision: rows as in `relaxations.moments.Basis`."""
+class _System:
+    """The equations of an extremal in two blocks: those of the command x = (s, T, c, τ), and those of the costate y = (λ, μ), linear in y.
 
-    roots: tuple[tuple[acb, int, bool], ...]
-    target: list[arb]
-    zeros: tuple[tuple[acb, int, bool], ...]
-    columns: list[list[arb]]  # columns[j][row]
+    `∫ b u = target + columns c`, `e(τ) c = inside`, and `e'(τ) c = 0` for the contacts that move (their places are τ, e their rows);
+    `b(s_i)ᵀ λ = 0`, `columnsᵀ λ + eᵀ μ = 0` and `targetᵀ λ - roomᵀ μ = 1`.
+    """
 
-    def rows(self, s: arb, integrated: bool) -> list[arb]:
-        """b(s), or its integral from 0, as real rows."""
-        out: list[arb] = []
-        for root, multiplicity, flexible in self.roots:
-            below = acb(1)
-            growth = (root * s).exp()
-            for k in range(multiplicity):
-                value = growth * s**k / factorial(k)
-                if integrated:
-                    below = acb(s ** (k + 1) / factorial(k + 1)) if root.is_zero() else (value - below) / root
-                    value = below
-                out += [value.real, value.imag] if flexible else [value.real]
-        return out
+    exact: Equations
+    levels: Sequence[arb]
+    contacts: tuple[Contact, ...]
+    room: Sequence[arb]
+    inside: Sequence[arb]
 
-    def derivative(self, costate: Sequence[arb]) -> list[arb]:
-        """The costate of `d/ds λᵀb`."""
-        out, at = [], 0
-        for root, multiplicity, flexible in self.roots:
-            width = 2 if flexible else 1
-            chain = [acb(costate[at + width * k], -costate[at + width * k + 1] if flexible else 0) for k in range(multiplicity)]
-            at += width * multiplicity
-            for k in range(multiplicity):
-                changed = chain[k] * root + (chain[k + 1] if k + 1 < multiplicity else 0)
-                out += [changed.real, -changed.imag] if flexible else [changed.real]
-        return out
+    @property
+    def moving(self) -> list[int]:
+        """The contacts whose places are unknown."""
+        return [k for k, contact in enumerate(self.contacts) if contact.moving]
 
-    def shape(self, r: arb, derivative: int) -> list[arb]:
-        """The tail's `derivative` by time at r [s] for each unit coefficient."""
-        out: list[arb] = []
-        for zero, multiplicity, flexible in self.zeros:
-            decay = (zero * r).exp()
-            chain = [decay * r**power / factorial(power) for power in range(multiplicity)]
-            for power in range(multiplicity):
-                lower = range(min(derivative, power) + 1)
-                value = sum((comb(derivative, i) * zero ** (derivative - i) * chain[power - i] for i in lower), acb(0))
-                out += [value.real, -value.imag] if flexible else [value.real]
-        return out
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers of unknowns of the command and of the costate."""
+        command = len(self.levels) + self.exact.columns.ncols() + len(self.moving)
+        return command, self.exact.target.nrows() + len(self.contacts)
 
-    def touching(self, problem: Problem, contact: Contact, place: arb, derivative: int) -> list[arb]:
-        """`TailSpace.touching` of one contact."""
-        if contact.cap is None:
-            return [contact.side * value for value in self.shape(place, derivative)]
-        row, turned = [arb(0)] * len(self.columns), place + derivative * arb.pi() / 2
-        for j, value in zip(problem.tail.caps[contact.cap].at, (turned.cos(), turned.sin()), strict=False):
-            row[j] = contact.side * value
-        return row
+    def places(self, z: Sequence[arb]) -> list[arb]:
+        """Where the contacts are."""
+        places = [arb(contact.place) for contact in self.contacts]
+        for k, place in zip(self.moving, z[len(self.levels) + self.exact.columns.ncols() :], strict=False):
+            places[k] = place
+        return places
 
-    def allowance(self, problem: Problem, contact: Contact) -> arb:
-        """`TailSpace.allowance` of one contact."""
-        if contact.cap is None:
-            return arb(_q(_exact_room(problem, contact.place, contact.side)))
-        (plant,), cap = problem.plants, problem.tail.caps[contact.cap]
-        zero, multiplicity, _ = self.zeros[cap.zero]
-        return cap_bound(plant, zero, multiplicity, cap.sensitivity, problem.maneuver.displacement).mid()
+    def command(self, z: Sequence[arb]) -> tuple[list[arb], list[list[arb]]]:
+        """Residuals of the command's equations, and their derivative by x."""
+        arcs, n, moving, places = len(self.levels), self.exact.columns.ncols(), self.moving, self.places(z)
+        instants, tail = z[:arcs], arb_mat(n, 1, z[arcs : arcs + n])
+        integrals, impulses = self.exact.rows(instants, True), self.exact.rows(instants)
+        jumps = [*(before - after for before, after in itertools.pairwise(self.levels)), self.levels[-1]]
+        missed = (integrals * arb_mat(arcs, 1, jumps) - self.exact.target - self.exact.columns * tail).entries()
+        rows = zip(impulses.tolist(), self.exact.columns.tolist(), strict=True)
+        still = [arb(0)] * len(moving)
+        slopes = [[*(b * jump for b, jump in zip(row, jumps, strict=True)), *(-c for c in columns), *still] for row, columns in rows]
+        touching, turning, bending = (self.exact.touching(self.contacts, places, derivative) for derivative in range(3))
+        values, changes, bends = ((table * tail).entries() for table in (touching, turning, bending))
+        for k in range(len(self.contacts)):
+            missed.append(values[k] - self.inside[k])
+            slopes.append([*[arb(0)] * arcs, *touching.tolist()[k], *(changes[k] if k == i else arb(0) for i in moving)])
+        for k in moving:
+            missed.append(changes[k])
+            slopes.append([*[arb(0)] * arcs, *turning.tolist()[k], *(bends[k] if k == i else arb(0) for i in moving)])
+        return missed, slopes
+
+    def costate(self, z: Sequence[arb]) -> tuple[arb_mat, arb_mat]:
+        """Matrix and right side of the costate's equations."""
+        impulses, touching = self.exact.rows(z[: len(self.levels) - 1]), self.exact.touching(self.contacts, self.places(z))
+        rows = [[*column, *[arb(0)] * len(self.contacts)] for column in impulses.transpose().tolist()]
+        tails = zip(self.exact.columns.transpose().tolist(), touching.transpose().tolist(), strict=True)
+        rows += [[*column, *shape] for column, shape in tails] if self.exact.columns.ncols() else []
+        rows += [[*self.exact.target.entries(), *(-room for room in self.room)]]
+        return arb_mat(rows), arb_mat(len(rows), 1, [0] * (len(rows) - 1) + [1])
+
+    def step(self, z: Sequence[arb]) -> list[arb]:
+        """Newton's step for the command z = x, or for command and costate z = (x, y) together."""
+        command, costate = self.sizes
+        missed, slopes = self.command(z)
+        if len(z) == command:
+            return _solved(arb_mat(slopes), arb_mat(command, 1, missed))
+        matrix, wanted = self.costate(z)
+        y, m, n, size = arb_mat(costate, 1, z[command:]), len(self.levels) - 1, self.exact.columns.ncols(), self.exact.target.nrows()
+        bends = (arb_mat(1, size, y.entries()[:size]) * self.exact.slopes() * self.exact.rows(z[:m])).entries()
+        turning, prices = self.exact.touching(self.contacts, self.places(z), 1).tolist(), y.entries()[size:]
+        whole = [[*row, *[arb(0)] * costate] for row in slopes]
+        for i, row in enumerate(matrix.tolist()):
+            by_command = [arb(0)] * command
+            if i < m:
+                by_command[i] = bends[i]
+            elif i < m + n:
+                by_command[m + 1 + n :] = [prices[k] * turning[k][i - m] for k in self.moving]
+            whole.append([*by_command, *row])
+        return _solved(arb_mat(whole), arb_mat(command + costate, 1, [*missed, *(matrix * y - wanted).entries()]))
 
 
-def _q(value: Fraction) -> fmpq:
-    return fmpq(value.numerator, value.denominator)
-
-
-def _roots(wanted: Sequence[Pole], polynomials: Sequence) -> tuple[tuple[acb, int, bool], ...]:
-    found = [ball for polynomial in polynomials if polynomial.degree() > 0 for ball, _ in polynomial.complex_roots()]
-    chosen = []
-    for pole in wanted:
-        near = min(found, key=lambda ball: abs(complex(float(ball.real.mid()), float(ball.imag.mid())) - pole.value))
-        chosen.append((acb(near.real.mid(), near.imag.mid()), pole.multiplicity, pole.is_flexible))
-    return tuple(chosen)
-
-
-def _exact(problem: Problem) -> _Exact:
-    (plant,) = problem.plants
-    maneuver = problem.maneuver
-    roots = _roots(problem.sets[0].basis.poles, [plant.denominator])
-    zeros = _roots(problem.tail.zeros, [plant.numerators[plant.output]])
-    hold = _q(plant.rest_input(maneuver.displacement))
-    target: list[arb] = []
-    for root, multiplicity, flexible in roots:
-        for k in range(multiplicity):
-            if root.is_zero():
-                lowest, static = plant.denominator.coeffs()[multiplicity], plant.numerators[plant.output](fmpq(0))
-                value = acb(_q(maneuver.displacement) * lowest / static) if k == multiplicity - 1 else acb(0)
-            else:
-                value = acb(hold) / (-root) ** (k + 1)
-            target += [value.real, value.imag] if flexible else [value.real]
-    columns = []
-    for zero, powers, pair in zeros:
-        for power in range(powers):
-            for unit in (acb(1), acb(0, 1)) if pair else (acb(1),):
-                column: list[arb] = []
-                for root, multiplicity, flexible in roots:
-                    for k in range(multiplicity):
-                        factor = comb(k + power, power) * (-1) ** power
-                        one, other = (factor / (z - root) ** (k + power + 1) for z in (zero, zero.conjugate()))
-                        value = (unit * one + unit.conjugate() * other) / 2
-                        column += [value.real, value.imag] if flexible else [value.real]
-                columns.append(column)
-    return _Exact(roots, target, zeros, columns)
+def _solved(matrix: arb_mat, right: arb_mat) -> list[arb]:
+    return matrix.mid().solve(right.mid(), algorithm="approx").entries()
 
 
 def polish(problem: Problem, extremal: Extremal, bits: int | None = None) -> Polished | None:
@@ -151,113 +132,64 @@ def polish(problem: Problem, extremal: Extremal, bits: int | None = None) -> Pol
 
     It may also start from a mere outline (`relaxations.refinement.outline`), where double precision has failed.
     """
-    if len(problem.plants) != 1 or problem.size + len(extremal.switches_to_go) > MOST_EQUATIONS:
+    if len(problem.plants) != 1:
         return None
     bits = bits or BITS + BITS_PER_EQUATION * problem.size
     with precision(bits):
         try:
-            return _polish(problem, extremal, _exact(problem), bits)
+            return _polish(problem, extremal, bits)
         except ZeroDivisionError:
             return None
 
 
-def _polish(problem: Problem, extremal: Extremal, exact: _Exact, bits: int) -> Polished | None:
-    contacts = extremal.tail.contacts
-    m, size, n, a = len(extremal.switches_to_go), problem.size, problem.tail.size, len(contacts)
-    moving = [k for k, contact in enumerate(contacts) if contact.moving]
-    if m + 1 + n < size + a:
+def _polish(problem: Problem, extremal: Extremal, bits: int) -> Polished | None:
+    contacts, exact, arcs = extremal.tail.contacts, equations(problem, bits), len(extremal.switches_to_go) + 1
+    room = [_allowance(problem, exact, contact) for contact in contacts]
+    reach = problem.maneuver.limits.upper - problem.maneuver.limits.lower
+    margins = [rational(INSIDE) * (r if c.cap is not None else arb(rational(reach))) for c, r in zip(contacts, room, strict=True)]
+    levels = [arb(rational(_level(problem, float(level)))) for level in extremal.levels(problem)]
+    system = _System(exact, levels, contacts, room, [r - margin for r, margin in zip(room, margins, strict=True)])
+    command, costate = system.sizes
+    begin = (*extremal.switches_to_go, extremal.maneuver_time, *extremal.tail.coefficients, *(c.place for c in contacts if c.moving))
+    z, spare = [arb(float(value)) for value in begin], command - len(system.moving) - costate
+    if spare > 0:  # the costate's roots determine the switches
+        z += [arb(rational(Fraction(value))) for value in problem.modal(extremal.costate)] + [arb(c.multiplier) for c in contacts]
+    if spare < 0 or len(z) > MOST_EQUATIONS:
         return None
-    levels = [arb(_q(_level(problem, level))) for level in extremal.levels(problem)]
-    x = [
-        *extremal.switches_to_go,
-        extremal.maneuver_time,
-        *extremal.costate,
-        *extremal.tail.coefficients,
-        *(c.multiplier for c in contacts),
-        *(contacts[k].place for k in moving),
-    ]
-    x = [arb(float(value)) for value in x]
-    room = [exact.allowance(problem, c) for c in contacts]
-    reach = arb(_q(problem.maneuver.limits.upper - problem.maneuver.limits.lower))
-    inside = [r - arb(_q(INSIDE)) * (reach if c.cap is None else r) for c, r in zip(contacts, room, strict=True)]
-    lam, tail, mu, tau = m + 1, m + 1 + size, m + 1 + size + n, m + 1 + size + n + a
-    width = tau + len(moving)
-    distance = None
+    found = _newton(system, z, bits)
+    if found is None:
+        return None
+    y = found[command:] or _solved(*system.costate(found))
+    numbers, prices = ([decimal(value, DIGITS) for value in part] for part in (found[:command], y))
+    time = numbers[arcs - 1]
+    starts = (Fraction(0), *(time - value for value in reversed(numbers[: arcs - 1])))
+    if any(after <= before for before, after in zip(starts, (*starts[1:], time), strict=True)):
+        return None
+    tail, moved = numbers[arcs : arcs + problem.tail.size], iter(numbers[arcs + problem.tail.size :])
+    at = [max(next(moved), Fraction(0)) if contact.moving else Fraction(contact.place) for contact in contacts]
+    mu = [max(value, Fraction(0)) for value in prices[problem.size :]]
+    on = [(c.side, r, price) for c, r, price in zip(contacts, at, mu, strict=True) if c.cap is None]
+    triples = tuple((r, price, Fraction(0)) if side > 0 else (r, Fraction(0), price) for side, r, price in on)
+    return Polished(time, starts, tuple(prices[: problem.size]), tuple(tail), triples)
+
+
+def _newton(system: _System, z: list[arb], bits: int) -> list[arb] | None:
+    """Newton's method from z, or None if it comes to no end."""
+    distance, arcs = None, len(system.levels)
     for _ in range(ITERATIONS):
-        s, time, costate, c, prices = x[:m], x[m], x[lam:tail], x[tail:mu], x[mu:tau]
-        places = [arb(contact.place) for contact in contacts]
-        for place, k in enumerate(moving, tau):
-            places[k] = x[place]
-        shapes, slopes, bends = ([exact.touching(problem, c, r, d) for c, r in zip(contacts, places, strict=True)] for d in range(3))
-        matrix = [[arb(0)] * width for _ in range(width)]
-        values = [arb(0)] * width
-        table = [exact.rows(at, True) for at in (*s, time)]
-        at_roots, end = [exact.rows(at, False) for at in s], exact.rows(time, False)
-        slope = exact.derivative(costate)
-        for row in range(size):
-            total, before = -exact.target[row], arb(0)
-            for i in range(m + 1):
-                total += levels[i] * (table[i][row] - before)
-                before = table[i][row]
-            values[row] = total - sum((exact.columns[j][row] * c[j] for j in range(n)), arb(0))
-            for i in range(m):
-                matrix[row][i] = at_roots[i][row] * (levels[i] - levels[i + 1])
-                matrix[size + i][lam + row] = at_roots[i][row]
-            matrix[row][m] = levels[m] * end[row]
-            for j in range(n):
-                matrix[row][tail + j] = -exact.columns[j][row]
-                matrix[size + m + j][lam + row] = exact.columns[j][row]
-            matrix[size + m + n][lam + row] = exact.target[row]
-        for i in range(m):
-            values[size + i] = sum((p * q for p, q in zip(costate, at_roots[i], strict=True)), arb(0))
-            matrix[size + i][i] = sum((p * q for p, q in zip(slope, at_roots[i], strict=True)), arb(0))
-        for j in range(n):
-            pulled = sum((p * q for p, q in zip(costate, exact.columns[j], strict=True)), arb(0))
-            values[size + m + j] = pulled + sum((prices[k] * shapes[k][j] for k in range(a)), arb(0))
-            for k in range(a):
-                matrix[size + m + j][mu + k] = shapes[k][j]
-            for place, k in enumerate(moving, tau):
-                matrix[size + m + j][place] = prices[k] * slopes[k][j]
-        scaled = sum((p * q for p, q in zip(costate, exact.target, strict=True)), arb(0))
-        values[size + m + n] = scaled - sum((p * r for p, r in zip(prices, room, strict=True)), arb(0)) - 1
-        for k in range(a):
-            matrix[size + m + n][mu + k] = -room[k]
-            values[size + m + n + 1 + k] = sum((shapes[k][j] * c[j] for j in range(n)), arb(0)) - inside[k]
-            for j in range(n):
-                matrix[size + m + n + 1 + k][tail + j] = shapes[k][j]
-        for place, k in enumerate(moving, tau):
-            slope, bend = (sum((line[j] * c[j] for j in range(n)), arb(0)) for line in (slopes[k], bends[k]))
-            values[place - tau + size + m + n + 1 + a] = slope
-            matrix[size + m + n + 1 + k][place] = slope
-            matrix[place - tau + size + m + n + 1 + a][place] = bend
-            for j in range(n):
-                matrix[place - tau + size + m + n + 1 + a][tail + j] = slopes[k][j]
-        step = arb_mat([[v.mid() for v in row] for row in matrix]).solve(arb_mat([[v.mid()] for v in values]))
+        step = system.step(z)
         # A step that would reorder the arcs is shortened: a start may be no better than the grid.
-        share = next((share for share in SHARES if _ordered([x[i] - share * step[i, 0] for i in range(m + 1)])), None)
+        share = next((share for share in SHARES if _ordered([z[i] - share * step[i] for i in range(arcs)])), None)
         if share is None:
             return None
-        x = [(value - share * step[i, 0]).mid() for i, value in enumerate(x)]
-        moved = max(float(abs(step[i, 0]).mid()) for i in range(m + 1)) / float(x[m].mid())
+        z = [(value - share * change).mid() for value, change in zip(z, step, strict=True)]
+        moved = max(float(abs(change).mid()) for change in step[:arcs]) / float(z[arcs - 1].mid())
         if not moved < 1e3 or (distance is not None and distance < 1e-6 and moved > distance):
             return None
         if moved < 2.0 ** (-bits // 2):
-            break
+            return z
         distance = moved
-    else:
-        return None
-    numbers = [_decimal(value) for value in x]
-    time = numbers[m]
-    starts = (Fraction(0), *(time - value for value in reversed(numbers[:m])))
-    if any(after <= before for before, after in zip(starts, (*starts[1:], time), strict=True)):
-        return None
-    prices = [max(value, Fraction(0)) for value in numbers[mu:tau]]
-    at = [Fraction(contact.place) for contact in contacts]
-    for place, k in enumerate(moving, tau):
-        at[k] = max(numbers[place], Fraction(0))
-    triples = [(c.side, r, price) for c, r, price in zip(contacts, at, prices, strict=True) if c.cap is None]
-    pairs = tuple((r, price, Fraction(0)) if side > 0 else (r, Fraction(0), price) for side, r, price in triples)
-    return Polished(time, starts, tuple(numbers[lam:tail]), tuple(numbers[tail:mu]), pairs)
+    return None
 
 
 def _ordered(instants: list[arb]) -> bool:
@@ -270,16 +202,16 @@ def _level(problem: Problem, deviation: float) -> Fraction:
     return (limits.upper if deviation == problem.upper else limits.lower) - rest
 
 
-def _exact_room(problem: Problem, since: float, side: int) -> Fraction:
-    """How far a tail may be from its rest value, above or below."""
+def _allowance(problem: Problem, exact: Equations, contact: Contact) -> arb:
+    """`TailSpace.allowance` of one contact."""
     maneuver = problem.maneuver
+    if contact.cap is not None:
+        cap = problem.tail.caps[contact.cap]
+        zero, multiplicity, _ = exact.zeros[cap.zero]
+        return cap_bound(problem.plants[0], zero, multiplicity, cap.sensitivity, maneuver.displacement).mid()
     final = maneuver.rest + problem.plants[0].rest_input(maneuver.displacement)
     above, below = maneuver.limits.upper - final, final - maneuver.limits.lower
-    if maneuver.tail_length is not None and since >= float(maneuver.tail_length[0]):
+    if maneuver.tail_length is not None and contact.place >= float(maneuver.tail_length[0]):
         tight = maneuver.tail_length[1] * min(above, below)
         above, below = min(above, tight), min(below, tight)
-    return above if side > 0 else below
-
-
-def _decimal(value: arb) -> Fraction:
-    return Fraction(value.str(DIGITS, radius=False, more=True))
+    return arb(rational(above if contact.side > 0 else below))

@@ -16,13 +16,14 @@ evidence: what comes out is a candidate.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from relaxations.conditioning import framed
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.maneuvers import Problem
 from relaxations.tails import moduli
@@ -41,17 +42,21 @@ SETTINGS: dict[str, Any] = {
 
 
 RESIDUAL = 1e-8  # relative; the solver's 1e-10 with room for limits far from the amplitudes used
+DEPENDENT, LOOSE = 1e-4, 1e-2  # what a row adds to those before it, relative to it: where it is less a frame, or another one, is made
+MARGIN = 0.02  # how much longer than the move a frame is, so that it serves for the moves that are looked at next
+NEGLIGIBLE = 1e-10  # of a row: combinations of rows that are as small as that are not looked at
 
 
 @dataclass(frozen=True, slots=True)
 class GridProgram:
-    """The program as built.
+    """The program as built, of `problem` in the coordinates chosen for it.
 
     `instants` (N + 1,) of the grid [s] from 0 to the maneuver time, `rows` (m, N) orthonormal, `target` (m,), `basis_change` R with
     rows = R^{-T} · table, limits in input units; of the tail `columns` (m, n) in the same rows, and at the instants `looks` (k,) [s] after
     the move its `shapes` (k, n) and the room `above` and `below` (k,), and the bounds of its caps with the places of what they bound.
     """
 
+    problem: Problem
     instants: Reals
     rows: Reals
     target: Reals
@@ -89,6 +94,11 @@ class GridSolution:
     mu_below: Reals
     pull: Reals
     status: str
+
+    @property
+    def problem(self) -> Problem:
+        """The problem in the coordinates of `costate`."""
+        return self.program.problem
 
     @property
     def maneuver_time(self) -> float:
@@ -132,19 +142,51 @@ def build(problem: Problem, instants: Reals, looks: Reals | None = None, inside:
     `looks` [s] are the instants at which the tail's limits are imposed (None: those of the problem's tail), tightened by the fraction
     `inside`.
     """
-    cells = len(instants) - 1
-    integrated = problem.rows(instants[-1] - instants, 1)
-    table = integrated[:, :-1] - integrated[:, 1:]
-    orthonormal, change = np.linalg.qr(table.T)
-    if cells < len(table) or np.any(np.abs(np.diag(change)) <= cells * np.finfo(float).eps * np.linalg.norm(change, axis=0)):
-        raise ShortHorizonError(f"the moment equations are dependent on {cells} intervals over {float(instants[-1])!r} s")
+    horizon, cells = float(instants[-1]), len(instants) - 1
+    if problem.frame and problem.frame.horizon < horizon:
+        problem = framed(problem, horizon * (1.0 + MARGIN)) or replace(problem, frame=None)
+    orthonormal, change, least = _orthonormal(problem, instants)
+    if least < (LOOSE if problem.frame else DEPENDENT) and cells >= problem.size and (other := framed(problem, horizon * (1.0 + MARGIN))):
+        problem = other
+        orthonormal, change, least = _orthonormal(problem, instants)
+    if cells < problem.size or least <= cells * np.finfo(float).eps:
+        raise ShortHorizonError(f"the moment equations are dependent on {cells} intervals over {horizon!r} s")
     target: Reals = np.linalg.solve(change.T, problem.target).astype(np.float64)
     columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
     at = problem.tail.looks() if looks is None else looks
     shapes, (above, below) = problem.tail.rows(at), (room * (1.0 - inside) for room in problem.tail.room(at))
     caps, capped = np.array([cap.bound for cap in problem.tail.caps]) * (1.0 - inside), tuple(cap.at for cap in problem.tail.caps)
     limits = problem.lower, problem.upper
-    return GridProgram(instants, orthonormal.T, target, change, *limits, columns, at, shapes, above, below, caps, capped)
+    return GridProgram(problem, instants, orthonormal.T, target, change, *limits, columns, at, shapes, above, below, caps, capped)
+
+
+def energy_bound(problem: Problem, instants: Reals) -> float:
+    """What α cannot exceed on the grid of `instants` [s], for the command's energy alone: no program is solved.
+
+    For every y with `yᵀ target = 1` that is orthogonal to the tail's columns, `α = yᵀ A u ≤ |Aᵀ y| |u|`; the best y is a least-squares
+    problem. That holds for the rounded one too, so that dependent rows do no harm.
+    """
+    widths = np.sqrt(np.diff(instants))
+    integrated = problem.rows(instants[-1] - instants, 1)
+    change = np.linalg.qr(((integrated[:, :-1] - integrated[:, 1:]) / widths).T, mode="r")
+    lengths = np.linalg.norm(change, axis=0)
+    left, sizes, _ = np.linalg.svd((change / lengths).T)
+    sizes = np.append(sizes, np.zeros(len(left) - len(sizes)))
+    damped = np.hypot(sizes, NEGLIGIBLE)
+    wanted, free = (left.T @ (column.T / lengths).T / damped[:, None] for column in (problem.target[:, None], problem.tail.columns))
+    best = (wanted - free @ np.linalg.lstsq(free, wanted, rcond=None)[0])[:, 0]
+    energy = max(abs(problem.lower), abs(problem.upper)) * np.sqrt(instants[-1])
+    least = float(np.linalg.norm(best))
+    reached = least <= NEGLIGIBLE * float(np.linalg.norm(wanted))  # by the tail, which may be as large as it likes here
+    return np.inf if reached else float(energy * np.linalg.norm(sizes / damped * best)) / least / least
+
+
+def _orthonormal(problem: Problem, instants: Reals) -> tuple[Reals, Reals, float]:
+    """Q and R of the transposed table of moments on the grid, and the least share of a row that is not a combination of those before."""
+    integrated = problem.rows(instants[-1] - instants, 1)
+    orthonormal, change = np.linalg.qr((integrated[:, :-1] - integrated[:, 1:]).T)
+    lengths = np.linalg.norm(change, axis=0)
+    return orthonormal, change, float(np.min(np.abs(np.diag(change)) / lengths[: len(change)]))
 
 
 @lru_cache(maxsize=16)

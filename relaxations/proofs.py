@@ -36,6 +36,9 @@ MARGINS = (2e-14, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5)
 RADII = (1e-22, 1e-14, 1e-10, 1e-8)
 """Radii of Krawczyk's test relative to the maneuver time."""
 
+SMALL = 1e-7
+"""The finest of them times the equations' condition: the test contracts where that is small."""
+
 BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
 
@@ -152,8 +155,8 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
     """Both sides of one bracket: of the extremal if there is one, else of the grid."""
     if found.upper == 0.0 and found.command is not None:
         return _instant(problem, task, found)
-    proof = Proof()
-    extremal = found.dual
+    proof, extremal = Proof(), found.dual
+    problem = extremal.problem if extremal else problem
     if isinstance(extremal, programs.GridSolution) and found.upper is not None:
         # Where Newton's method in doubles failed, one in more digits may find its way from the grid.
         extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal))
@@ -169,14 +172,14 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
     if proof.lower is None:
         for dual in (found.dual, above):
             if dual is not None:
-                proof = proof.better(Proof(_lower(problem, task, dual, found.upper or dual.maneuver_time)))
+                proof = proof.better(Proof(_lower(dual.problem, task, dual, found.upper or dual.maneuver_time)))
     return proof
 
 
 def _lower(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
     value = lower_bound(problem, dual.costate, near, dual.price(problem))
-    witness = certificates.costate_witness(problem, dual.costate, dual.tail_multipliers)
+    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers)
     for margin in MARGINS if value > 0.0 else ():
         side = Side(Fraction(value * (1.0 - margin)), witness)
         if _accepted(task, lower=side):
@@ -226,7 +229,8 @@ def _witnesses(problem: Problem, extremal: Extremal, duration: Number, starts: N
     columns = np.hstack([slopes.sum(axis=1, keepdims=True), slopes[:, 1:], -problem.tail.columns * largest])
     columns /= np.abs(columns).max(axis=1)[:, None]
     free = [names[i] for i in np.sort(pivots(columns)[:size])]
-    for radius in RADII if isinstance(duration, Fraction) else RADII[2:]:
+    finest = min(RADII[0], SMALL / problem.frame.condition) if problem.frame else RADII[0]
+    for radius in (finest, *RADII[1:]) if isinstance(duration, Fraction) else RADII[2:]:
         chains = certificates.tail_chains(problem, tail)
         yield certificates.command_witness(duration, starts, levels, chains, free, radius * float(duration))
 
@@ -253,7 +257,7 @@ def _repaired(problem: Problem, task: dict[str, Any], near: float, settings: Set
         except SolverError:
             continue
         for snap in (1e-7, 0.0) if solution.reaches else ():
-            fixed = repair(problem, solution, snap)
+            fixed = repair(solution, snap)
             if fixed is None:
                 continue
             names = certificates.tail_unknowns(problem)

@@ -32,8 +32,12 @@ INSIDE = 2e-13  # of the input's range, or a cap: how far a tail that touches a 
 
 @dataclass(frozen=True, slots=True)
 class Extremal:
-    """A bang-bang command that meets the moments: duration T [s], times to go of the switches (ascending), last level, costate and tail."""
+    """A bang-bang command that meets the moments: duration T [s], times to go of the switches (ascending), last level, costate and tail.
 
+    `problem` is the one in whose coordinates the costate is written.
+    """
+
+    problem: Problem
     maneuver_time: float
     switches_to_go: Reals
     last_level: float
@@ -86,8 +90,8 @@ def _levels(problem: Problem, last: float, switches: int) -> Reals:
 def moment_residual(problem: Problem, levels: Reals, to_go: Reals) -> tuple[Reals, Reals]:
     """`∫ b u - target` for arcs of constant `levels` between the instants `to_go` (0 … T), and the size of the terms that cancel in it."""
     table = problem.rows(to_go, 1)
-    pieces = np.diff(table, axis=1) * levels
-    return pieces.sum(axis=1) - problem.target, np.maximum(np.abs(pieces).sum(axis=1), np.abs(problem.target))
+    sizes = (np.abs(table[:, 1:]) + np.abs(table[:, :-1])) @ np.abs(levels)  # a single arc's integral may vanish as a difference
+    return np.diff(table, axis=1) @ levels - problem.target, np.maximum(sizes, np.abs(problem.target))
 
 
 def refine(problem: Problem, costate: Reals, maneuver_time: float, tail: TailStart = NO_TAIL) -> Extremal | Failure:
@@ -110,7 +114,7 @@ def outline(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSt
     """The bang-bang command that a costate's signs ask for, nothing solved yet: where Newton's method starts."""
     switches = costate_roots(problem, costate, maneuver_time)
     final = float(costate @ problem.rows([switches[0] / 2 if len(switches) else maneuver_time / 2])[:, 0])
-    return Extremal(maneuver_time, switches, problem.upper if final > 0 else problem.lower, costate, np.inf, 0, tail)
+    return Extremal(problem, maneuver_time, switches, problem.upper if final > 0 else problem.lower, costate, np.inf, 0, tail)
 
 
 def _newton(problem: Problem, costate: Reals, maneuver_time: float, tail: TailStart) -> Extremal | Failure:
@@ -154,7 +158,7 @@ def _newton(problem: Problem, costate: Reals, maneuver_time: float, tail: TailSt
     if others := _beyond(problem, coefficients):
         reason = f"{count} switches: the tail is beyond its limits"
         return Failure(reason, (multiplier, time, TailStart(coefficients, (*contacts, *others))))
-    return Extremal(time, s, float(last), multiplier, relative, iteration, TailStart(coefficients, contacts))
+    return Extremal(problem, time, s, float(last), multiplier, relative, iteration, TailStart(coefficients, contacts))
 
 
 @dataclass(frozen=True, slots=True)

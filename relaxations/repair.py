@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from relaxations.maneuvers import Problem
 from relaxations.programs import GridSolution
 
 Reals = NDArray[np.float64]
@@ -41,8 +40,9 @@ def pivots(matrix: Reals) -> NDArray[np.intp]:
     return np.asarray(cast("tuple[Any, Any]", qr(matrix, pivoting=True, mode="r"))[1])
 
 
-def repair(problem: Problem, solution: GridSolution, snap: float = SNAP) -> Repaired | None:
+def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     """The staircase of `solution` (α > 1) with its unknowns solved for in floating point, or None if it has too little room."""
+    problem = solution.problem
     lower, upper = problem.lower, problem.upper
     reach = upper - lower
     levels = np.clip(solution.levels, lower, upper)

@@ -210,6 +210,25 @@ def sensitivity(
         return _svg(figure, name)
 
 
+def costs(name: str, sizes: ArrayLike, curves: Mapping[str, ArrayLike], *, size_label: str, cost_label: str = "time [s]") -> str:
+    """What something costs against its size, one named curve a part of it, on logarithmic axes; `sizes` (n,) and costs are positive."""
+    (x,) = _arrays(sizes=sizes)
+    with mpl.rc_context(_rc(name)):
+        figure = Figure(figsize=(_WIDTH, 3.4), layout="constrained")
+        axes = figure.subplots()
+        for number, (label, curve) in enumerate(curves.items()):
+            y = _arrays(sizes=sizes, curve=curve)[1]
+            axes.plot(x, y, color=(_LINE, _SECOND, _INK)[number % 3], marker="os^"[number % 3], markersize=4.0, label=label)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xticks(x, [f"{size:g}" for size in x])
+        axes.set_xticks([], minor=True)
+        axes.set_xlabel(size_label)
+        axes.set_ylabel(cost_label)
+        axes.legend(loc="best")
+        return _svg(figure, name)
+
+
 def _arrays(**given: ArrayLike) -> list[Float64]:
     """The arguments as float arrays of one and the same length; raises `RecordError` naming those that differ."""
     arrays = {name: np.asarray(value, dtype=float) for name, value in given.items()}

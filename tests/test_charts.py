@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reports.charts import Limit, command_and_response, sensitivity, sweep
+from reports.charts import Limit, command_and_response, costs, sensitivity, sweep
 from reports.errors import RecordError
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -48,7 +48,11 @@ def sensitivity_chart(name: str = "sensitivity", **changes: Any) -> str:
     return sensitivity(name, factors, {"ZV": 50 * abs(factors - 1), "ZVD": 50 * (factors - 1) ** 2}, limits=[Limit(5.0, "5 %")], **changes)
 
 
-CHARTS = {"run": run_chart, "sweep": sweep_chart, "sensitivity": sensitivity_chart}
+def cost_chart(name: str = "costs") -> str:
+    return costs(name, [10, 20, 40], {"search": [0.1, 0.5, 3.0], "check": [0.01, 0.1, np.nan]}, size_label="poles")
+
+
+CHARTS = {"run": run_chart, "sweep": sweep_chart, "sensitivity": sensitivity_chart, "costs": cost_chart}
 
 
 def texts(svg: str) -> set[str]:

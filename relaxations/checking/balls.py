@@ -18,7 +18,7 @@ from flint import acb, acb_mat, acb_poly, arb, arb_mat, fmpq, fmpq_poly
 
 from relaxations.checking.reading import Undecided, require
 
-ORDER = 8  # of Taylor's formula
+ORDER, TERMS = 8, 6  # of Taylor's formula, and one more for so many terms: the more of them, the larger those that cancel
 ISOLATION = 200_000  # bits times degree: roots that these do not tell apart make a check inconclusive, for it would cost too much
 LARGEST_POLYNOMIAL = 2_000_000  # bits of a coefficient times degree
 work = {"left": 0.0}  # in units of about a microsecond, counted, so that a check ends on every machine at the same place
@@ -223,7 +223,7 @@ class Wave:
         """From real coefficients in the flat order; d/ds turns c_k into p c_k + c_{k+1}."""
         rest, places = iter(numbers), [(root, k + 1 < root.multiplicity) for root in roots for k in range(root.multiplicity)]
         rows = [[acb(next(rest), next(rest) if root.flexible else 0) for root, _ in places]]
-        for _ in range(ORDER):
+        for _ in range(ORDER + len(places) // TERMS):
             steps = zip(places, rows[-1], [*rows[-1][1:], 0], strict=True)
             rows.append([root.value * c + (after if chained else 0) for (root, chained), c, after in steps])
         return Wave(roots, acb_mat(rows))
@@ -243,7 +243,7 @@ class Wave:
         whole = a.union(b).union(c)
         x, terms = whole - c, [*self(c)[:-1], self(whole)[-1]]
         slope = value = terms[-1]
-        for j in range(ORDER - 1, -1, -1):
+        for j in range(len(terms) - 2, -1, -1):
             slope = terms[j] + x * slope / j if j else slope
             value = terms[j] + x * value / (j + 1)
         return c, terms[0], slope, value

@@ -1,0 +1,149 @@
+"""The moment equations in as many digits as are asked for: the same rows as `relaxations.maneuvers.Problem`, python-flint's balls as long
+floats. Nothing is proven here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from math import comb, factorial
+from typing import cast
+
+from flint import acb, arb, arb_mat, fmpq, fmpq_poly
+
+from relaxations.maneuvers import Problem
+from relaxations.plants import Pole
+from relaxations.tails import Cap, Contact
+
+Root = tuple[acb, int, bool]
+"""Value, multiplicity, and whether it stands for a conjugate pair."""
+
+
+@dataclass(frozen=True, slots=True)
+class Equations:
+    """Rest after the move, `∫ b u = target + columns c`, at the precision that is set; rows as in `relaxations.moments.Basis`."""
+
+    roots: tuple[Root, ...]
+    zeros: tuple[Root, ...]
+    target: arb_mat  # (size, 1)
+    columns: arb_mat  # (size, n) of the tail's coefficients
+    caps: tuple[Cap, ...]
+
+    def rows(self, s: Sequence[arb], integrated: bool = False) -> arb_mat:
+        """b at times to go s [s], or its integral from 0: shape (size, len(s))."""
+        points = [self._row(at, integrated) for at in s]
+        return arb_mat(len(points), self.target.nrows(), [value for point in points for value in point]).transpose()
+
+    def _row(self, s: arb, integrated: bool) -> list[arb]:
+        out: list[arb] = []
+        for root, multiplicity, flexible in self.roots:
+            below, value = acb(1), (root * s).exp()
+            for k in range(multiplicity):
+                if k:
+                    value = value * s / k
+                if integrated:
+                    below = value * s / (k + 1) if root.is_zero() else (value - below) / root
+                out += _parts(below if integrated else value, flexible)
+        return out
+
+    def slopes(self) -> arb_mat:
+        """The matrix J with `b' = J b`: shape (size, size)."""
+        size, at = self.target.nrows(), 0
+        matrix = [[arb(0)] * size for _ in range(size)]
+        for root, multiplicity, flexible in self.roots:
+            width = 2 if flexible else 1
+            for row in range(at, at + width * multiplicity):
+                matrix[row][row] = root.real
+                if row >= at + width:
+                    matrix[row][row - width] = arb(1)
+            for row in range(at, at + 2 * multiplicity, 2) if flexible else ():
+                matrix[row][row + 1], matrix[row + 1][row] = -root.imag, root.imag
+            at += width * multiplicity
+        return arb_mat(matrix)
+
+    def touching(self, contacts: Sequence[Contact], places: Sequence[arb], derivative: int = 0) -> arb_mat:
+        """As `relaxations.tails.TailSpace.touching`, with the contacts at these places."""
+        entries: list[arb] = []
+        for contact, place in zip(contacts, places, strict=True):
+            row = [arb(0)] * self.columns.ncols()
+            if contact.cap is None:
+                row = self._shape(place, derivative)
+            else:
+                turned = place + derivative * arb.pi() / 2
+                for j, value in zip(self.caps[contact.cap].at, (turned.cos(), turned.sin()), strict=False):
+                    row[j] = value
+            entries += [contact.side * value for value in row]
+        return arb_mat(len(contacts), self.columns.ncols(), entries)
+
+    def _shape(self, r: arb, derivative: int) -> list[arb]:
+        """The tail's `derivative` by time at r [s] after the move for each unit coefficient."""
+        out: list[arb] = []
+        for zero, multiplicity, flexible in self.zeros:
+            decay = (zero * r).exp()
+            chain = [decay * r**power / factorial(power) for power in range(multiplicity)]
+            for power in range(multiplicity):
+                lower = range(min(derivative, power) + 1)
+                value = sum((comb(derivative, i) * zero ** (derivative - i) * chain[power - i] for i in lower), acb(0))
+                out += [value.real, -value.imag] if flexible else [value.real]
+        return out
+
+
+def _parts(value: acb, flexible: bool) -> list[arb]:
+    return [value.real, value.imag] if flexible else [value.real]
+
+
+def rational(value: Fraction) -> fmpq:
+    """As python-flint writes it."""
+    return fmpq(value.numerator, value.denominator)
+
+
+@lru_cache(maxsize=64)
+def _isolated(coefficients: tuple[fmpq, ...], bits: int) -> tuple[acb, ...]:
+    """The roots of a polynomial, lowest power first; `bits` is the precision that they are computed at, and cached for."""
+    del bits
+    return tuple(ball for ball, _ in cast("list[tuple[acb, int]]", fmpq_poly(list(coefficients)).complex_roots()))
+
+
+def _roots(wanted: Sequence[Pole], polynomial: fmpq_poly, bits: int) -> tuple[Root, ...]:
+    found = _isolated(tuple(polynomial.coeffs()), bits) if wanted else ()
+    chosen = []
+    for pole in wanted:
+        near = min(found, key=lambda ball: abs(complex(float(ball.real.mid()), float(ball.imag.mid())) - pole.value))
+        chosen.append((acb(near.real.mid(), near.imag.mid()), pole.multiplicity, pole.is_flexible))
+    return tuple(chosen)
+
+
+def equations(problem: Problem, bits: int) -> Equations:
+    """The equations of all plants, with roots of `bits` bits: the precision that must be set already."""
+    maneuver, entries = problem.maneuver, []
+    zeros = _roots(problem.tail.zeros, problem.plants[0].numerators[problem.plants[0].output], bits)
+    roots: list[Root] = []
+    for plant, own in zip(problem.plants, problem.sets, strict=True):
+        hold = rational(plant.rest_input(maneuver.displacement))
+        found = _roots(own.basis.poles, plant.denominator, bits)
+        roots += found
+        for root, multiplicity, flexible in found:
+            for k in range(multiplicity):
+                if root.is_zero():
+                    lowest, static = plant.denominator.coeffs()[multiplicity], plant.numerators[plant.output](fmpq(0))
+                    value = acb(rational(maneuver.displacement) * lowest / static) if k == multiplicity - 1 else acb(0)
+                else:
+                    value = acb(hold) / (-root) ** (k + 1)
+                entries += _parts(value, flexible)
+    units = [(zero, power, unit) for zero, powers, pair in zeros for power in range(powers) for unit in ((1, 1j) if pair else (1,))]
+    columns = [_column(roots, zero, power, acb(unit)) for zero, power, unit in units]
+    table = arb_mat(len(columns), len(entries), [value for column in columns for value in column]).transpose()
+    return Equations(tuple(roots), zeros, arb_mat(len(entries), 1, entries), table, problem.tail.caps)
+
+
+def _column(roots: Sequence[Root], zero: acb, power: int, unit: acb) -> list[arb]:
+    """What the tail `Re unit r^l/l! e^{zr}` adds to the moments asked for at the end of the move."""
+    column: list[arb] = []
+    for root, multiplicity, flexible in roots:
+        for k in range(multiplicity):
+            factor = comb(k + power, power) * (-1) ** power
+            one, other = (factor / (z - root) ** (k + power + 1) for z in (zero, zero.conjugate()))
+            column += _parts((unit * one + unit.conjugate() * other) / 2, flexible)
+    return column
