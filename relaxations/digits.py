@@ -69,7 +69,7 @@ class Equations:
         for contact, place in zip(contacts, places, strict=True):
             row = [arb(0)] * self.columns.ncols()
             if contact.cap is None:
-                row = self._shape(place, derivative)
+                row = self.shapes([place], derivative).entries()
             else:
                 turned = place + derivative * arb.pi() / 2
                 for j, value in zip(self.caps[contact.cap].at, (turned.cos(), turned.sin()), strict=False):
@@ -77,17 +77,18 @@ class Equations:
             entries += [contact.side * value for value in row]
         return arb_mat(len(contacts), self.columns.ncols(), entries)
 
-    def _shape(self, r: arb, derivative: int) -> list[arb]:
-        """The tail's `derivative` by time at r [s] after the move for each unit coefficient."""
-        out: list[arb] = []
-        for zero, multiplicity, flexible in self.zeros:
-            decay = (zero * r).exp()
-            chain = [decay * r**power / factorial(power) for power in range(multiplicity)]
-            for power in range(multiplicity):
-                lower = range(min(derivative, power) + 1)
-                value = sum((comb(derivative, i) * zero ** (derivative - i) * chain[power - i] for i in lower), acb(0))
-                out += [value.real, -value.imag] if flexible else [value.real]
-        return out
+    def shapes(self, since: Sequence[float | arb], derivative: int = 0) -> arb_mat:
+        """As `relaxations.tails.TailSpace.rows`: the tail at `since` [s], or its `derivative`, for each unit coefficient."""
+        entries: list[arb] = []
+        for r in map(arb, since):
+            for zero, multiplicity, flexible in self.zeros:
+                decay = (zero * r).exp()
+                chain = [decay * r**power / factorial(power) for power in range(multiplicity)]
+                for power in range(multiplicity):
+                    lower = range(min(derivative, power) + 1)
+                    value = sum((comb(derivative, i) * zero ** (derivative - i) * chain[power - i] for i in lower), acb(0))
+                    entries += [value.real, -value.imag] if flexible else [value.real]
+        return arb_mat(len(since), self.columns.ncols(), entries)
 
 
 def _parts(value: acb, flexible: bool) -> list[arb]:
