@@ -16,11 +16,12 @@ from fmus.errors import BuildError, DescriptionError
 from fmus.generation import build_description_3, c_header, model_description_2, model_description_3
 from fmus.packing import digest, token, write, zipped
 from fmus.plant_files import PlantFile, read_plant_file
-from fmus.twins import check_twin
+from fmus.twins import read_twin, sized
 
 PLANTS = Path(__file__).parent / "plants"
 SOURCES = Path(__file__).parent / "sources"
 INTEGRATOR = "integrator.c"
+VERSIONS: Mapping[str, FmiVersion] = {"": "3.0", "fmi2": "2.0", "fmi3": "3.0"}  # by what stands after a plant's name
 SHARED = ("instance.c", "fmustate.c")
 HEADERS = ("instance.h", "integrator.h", "plant.h")
 
@@ -30,24 +31,42 @@ def shipped() -> tuple[str, ...]:
     return tuple(sorted(path.parent.name for path in PLANTS.glob("*/plant.toml")))
 
 
-def locate(name: str) -> Path:
-    """The FMU of a shipped plant, built if it is not in the cache: "two_mass" (FMI 3.0), "two_mass.fmi2" or "two_mass.fmi3"."""
+def is_shipped(name: str) -> bool:
+    """Whether `locate` knows what `name` means; building it may still fail."""
     stem, _, suffix = name.partition(".")
-    versions: Mapping[str, FmiVersion] = {"": "3.0", "fmi2": "2.0", "fmi3": "3.0"}
-    if suffix not in versions:
+    return suffix in VERSIONS and _folder(stem) is not None
+
+
+def locate(name: str) -> Path:
+    """The FMU of a shipped plant, built if it is not in the cache: "two_mass" (FMI 3.0), "two_mass.fmi2" or "two_mass.fmi3".
+
+    A plant with arrays is built with its own size, "chain", or with another one, "chain_6".
+    """
+    stem, _, suffix = name.partition(".")
+    if suffix not in VERSIONS:
         raise BuildError(f"{name!r} is no shipped plant: append nothing, '.fmi2' or '.fmi3' to one of {', '.join(shipped())}")
-    return build(stem, versions[suffix])
+    return build(stem, VERSIONS[suffix])
 
 
 def build(name: str, fmi_version: FmiVersion = "3.0", out: Path | None = None) -> Path:
     """Build a shipped plant; see `build_folder`. Raises `BuildError` if there is no plant of that name."""
-    if name not in shipped():
+    found = _folder(name)
+    if found is None:
         raise BuildError(f"there is no shipped plant {name!r}; there is {', '.join(shipped())}")
-    return build_folder(PLANTS / name, fmi_version, out)
+    folder, size = found
+    return build_folder(folder, fmi_version, out, size=size)
 
 
-def build_folder(folder: Path, fmi_version: FmiVersion = "3.0", out: Path | None = None) -> Path:
-    """Build the plant in `folder` and return the path of the .fmu file.
+def _folder(name: str) -> tuple[Path, int | None] | None:
+    """The folder of a shipped plant and the size in its name: none in "two_mass", 6 in "chain_6"."""
+    stem, _, size = name.rpartition("_")
+    if name in shipped():
+        return PLANTS / name, None
+    return (PLANTS / stem, int(size)) if stem in shipped() and size.isdecimal() and len(size) < 6 else None
+
+
+def build_folder(folder: Path, fmi_version: FmiVersion = "3.0", out: Path | None = None, *, size: int | None = None) -> Path:
+    """Build the plant in `folder`, with arrays of `size` if it has any, and return the path of the .fmu file.
 
     The archive lies in the cache (`SLEWCERT_CACHE`, else the user's cache folder) under a hash of everything that goes into it, and
     is compiled only if it is not there yet. `out` is a file (ending in .fmu) or a folder to copy it to.
@@ -55,7 +74,7 @@ def build_folder(folder: Path, fmi_version: FmiVersion = "3.0", out: Path | None
     """
     if fmi_version not in get_args(FmiVersion):
         raise BuildError(f"FMI version {fmi_version!r} cannot be built; valid are {', '.join(get_args(FmiVersion))}")
-    plant = read_plant_file(folder / "plant.toml")
+    plant = read_plant_file(folder / "plant.toml", size)
     files, compiled = _plant_files(folder, plant, fmi_version)
     library = f"binaries/{host().folder(fmi_version)}/{plant.name}{SUFFIX[host().system]}"
     key = digest({**files, "flags": " ".join(FLAGS).encode(), "platform": library.encode()})
@@ -103,16 +122,17 @@ def fmu_files(
 
 def _plant_files(folder: Path, plant: PlantFile, fmi_version: FmiVersion) -> tuple[dict[str, bytes], tuple[str, ...]]:
     own = {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.suffix in {".c", ".h"}}
-    if f"{plant.name}.c" not in own:
-        raise BuildError(f"{folder} has no {plant.name}.c, which must hold the equations of the plant {plant.name!r}")
+    if plant.source not in own:
+        raise BuildError(f"{folder} has no {plant.source}, which must hold the equations of the plant {plant.name!r}")
     if INTEGRATOR in own:
         raise BuildError(f"{folder} may not hold a {INTEGRATOR}: the shared sources have a file of that name")
-    twin = folder / "twin.toml"
-    resources = {"resources/twin.toml": twin.read_bytes()} if twin.exists() else {}
-    if resources:
+    resources = {}
+    if (twin := folder / "twin.toml").exists():
+        text = sized(twin.read_text(encoding="utf-8"), plant.size.value if plant.size else None)
         try:
-            check_twin(twin.read_text(encoding="utf-8"))
+            read_twin(text)
         except DescriptionError as problem:
             raise BuildError(f"{twin}: {problem}") from None
+        resources["resources/twin.toml"] = text.encode()
     own[INTEGRATOR] = (SOURCES / INTEGRATOR).read_bytes()
-    return fmu_files(plant, own, (f"{plant.name}.c", INTEGRATOR), fmi_version, resources)
+    return fmu_files(plant, own, (plant.source, INTEGRATOR), fmi_version, resources)

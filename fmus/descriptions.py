@@ -113,9 +113,11 @@ class Description:
             )
         return variable
 
-    def settable_parameter(self, name: str) -> Variable:
-        """The parameter of that name that can be set before the run."""
-        variable = self.find(name, "parameter")
+    def settable_parameter(self, name: str, driven: str = "") -> Variable:
+        """The variable of that name that can be set before the run and keeps its value: a parameter, or an input that is not `driven`."""
+        variable = self.find(name)
+        if variable.causality != "input" or name == driven:
+            variable = self.find(name, "parameter")
         if not variable.is_number:
             raise DescriptionError(f"parameter {name!r} is of type {variable.type}; only single numbers can be set")
         return variable

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import groupby
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -42,6 +43,7 @@ def c_header(plant: PlantFile, token: str) -> str:
         f"#define PLANT_OUTPUTS_BEFORE {int(plant.outputs_before)}",
         f"#define PLANT_VARIABLES {len(plant.variables)}",
         f"#define PLANT_INPUT_DERIVATIVES {plant.input_derivatives}",
+        *([f"#define {plant.size.name.upper()} {plant.size.value}"] if plant.size else []),
     ]
     first = 1
     for kind, word in kinds:
@@ -52,7 +54,9 @@ def c_header(plant: PlantFile, token: str) -> str:
         first += count
     lines += ["", *([f'#include "{plant.memory}"', ""] if plant.memory else [])]
     lines += ["typedef union {", "    double value[PLANT_VARIABLES];", "    struct {"]
-    lines += [f"        double {v.field}; /* {v.unit} */" for v in plant.variables]
+    for field, group in groupby(plant.variables, key=lambda v: v.field):
+        members = tuple(group)
+        lines.append(f"        double {field}{f'[{len(members)}]' if members[0].array else ''}; /* {members[0].unit} */")
     lines += ["        int before;"] * plant.events + ["        Memory memory;"] * bool(plant.memory)
     lines += ["    };", "} Plant;", ""]
     arrays = {

@@ -20,12 +20,12 @@ RESERVED = re.compile(
     "short|signed|sizeof|static|struct|switch|typedef|union|unsigned|void|volatile|while|time|value|der_.*"
 )
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-TOP = {"name", "title", "description", "version", "tangent", "step_hook", "variable_step", "experiment", "units"}
+TOP = {"name", "title", "description", "domain", "version", "tangent", "step_hook", "variable_step", "experiment", "units", "size"}
 TABLES: Mapping[str, frozenset[str]] = {
     "parameters": frozenset({"start", "unit", "description", "positive"}),
     "inputs": frozenset({"start", "unit", "description"}),
-    "states": frozenset({"start", "unit", "description", "nominal", "output", "depends", "derivative_unit"}),
-    "outputs": frozenset({"unit", "description", "depends"}),
+    "states": frozenset({"start", "unit", "description", "nominal", "output", "depends", "derivative_unit", "each"}),
+    "outputs": frozenset({"unit", "description", "depends", "each"}),
 }
 
 
@@ -34,7 +34,7 @@ class PlantVariable:
     """One variable. `reference` is its value reference, the same in FMI 2.0, FMI 3.0 and the C struct.
 
     `state` is, for a derivative, the reference of its state; `depends` are the references of the states and inputs that
-    a derivative or output depends on, None when that is all of them.
+    a derivative or output depends on, None when that is all of them. `array` is the name of the C array that it is an element of.
     """
 
     reference: int
@@ -49,11 +49,22 @@ class PlantVariable:
     is_output: bool = False
     state: int | None = None
     depends: tuple[int, ...] | None = None
+    array: str = ""
 
     @property
     def field(self) -> str:
-        """Its name in C: `der_x` for `der(x)`."""
-        return self.name.replace("(", "_").replace(")", "")
+        """Its name in C, that of its array if it is in one: `der_x` for `der(x)`."""
+        return (self.array or self.name).replace("(", "_").replace(")", "")
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """The length of a plant's arrays, chosen when it is built: `name` is its macro in C (in capitals), `least` ≤ `value` ≤ `most`."""
+
+    name: str
+    value: int
+    least: int
+    most: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +73,7 @@ class PlantFile:
 
     `units` have exponents of the SI base units, or None where these are not known. `events`, `outputs_before` and `memory` (a header that
     declares the type `Memory`) are for what jumps by itself and remembers more than its states: see `fmus.blocks`.
+    `source` is the C file of the equations, named after the plant without its size; `size` is None for a plant without arrays.
     """
 
     name: str
@@ -80,14 +92,20 @@ class PlantFile:
     outputs_before: bool = False
     input_derivatives: int = 5
     memory: str = ""
+    domain: str = ""
+    source: str = ""
+    size: Size | None = None
 
     def of_kind(self, kind: Kind) -> tuple[PlantVariable, ...]:
         """The variables of one kind, in order."""
         return tuple(v for v in self.variables if v.kind == kind)
 
 
-def read_plant_file(path: Path) -> PlantFile:
-    """Read and check a plant.toml. Raises `BuildError` naming the key, its value and what would be valid."""
+def read_plant_file(path: Path, size: int | None = None) -> PlantFile:
+    """Read and check a plant.toml, of a plant with arrays that of `size` (its own start value if None).
+
+    Raises `BuildError` naming the key, its value and what would be valid.
+    """
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -95,12 +113,12 @@ def read_plant_file(path: Path) -> PlantFile:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
         raise BuildError(f"{path}: {problem}") from None
     try:
-        return _plant_file(data)
+        return _plant_file(data, size)
     except BuildError as problem:
         raise BuildError(f"{path}: {problem}") from None
 
 
-def _plant_file(data: Mapping[str, Any]) -> PlantFile:
+def _plant_file(data: Mapping[str, Any], chosen: int | None) -> PlantFile:
     _check_keys("", data, TOP | TABLES.keys())
     for table, keys in TABLES.items():
         for name, entry in _table(data, table).items():
@@ -117,8 +135,9 @@ def _plant_file(data: Mapping[str, Any]) -> PlantFile:
     stop, step = _number(experiment, "experiment.stop", 10.0), _number(experiment, "experiment.step", 0.01)
     if not 0.0 < step <= stop:
         raise BuildError(f"experiment: 0 < step <= stop is needed, but step = {step!r} s and stop = {stop!r} s")
+    size = _size(data, chosen)
     return PlantFile(
-        name=name,
+        name=name if chosen is None else f"{name}_{chosen}",
         title=_text(data, "title", name),
         description=_text(data, "description", ""),
         version=_text(data, "version", "1.0.0"),
@@ -128,8 +147,43 @@ def _plant_file(data: Mapping[str, Any]) -> PlantFile:
         stop=stop,
         step=step,
         units={"s": {"s": 1}} | {unit: _base_units(unit, _table(data["units"], unit)) for unit in _table(data, "units")},
-        variables=_variables(data),
+        variables=_variables({**data, **{table: _elements(_table(data, table), size) for table in ("states", "outputs")}}),
+        domain=_text(data, "domain", ""),
+        source=f"{name}.c",
+        size=size,
     )
+
+
+def _size(data: Mapping[str, Any], chosen: int | None) -> Size | None:
+    table = _table(data, "size")
+    if not table:
+        if chosen is not None:
+            raise BuildError(f"the plant has no [size], so it cannot be built with {chosen}")
+        return None
+    _check_keys("size", table, {"name", "start", "range"})
+    name, bounds = _text(table, "name"), table.get("range")
+    if not IDENTIFIER.fullmatch(name):
+        raise BuildError(f"size.name = {name!r} is no name of a macro (a letter, then letters, digits and underscores)")
+    if not (isinstance(bounds, list) and len(bounds) == 2 and all(type(n) is int for n in bounds) and 1 <= bounds[0] <= bounds[1]):
+        raise BuildError(f"size.range = {bounds!r} must be two whole numbers, the least and the most")
+    value = table.get("start") if chosen is None else chosen
+    if type(value) is not int or not bounds[0] <= value <= bounds[1]:
+        raise BuildError(f"{name} = {value!r}: from {bounds[0]} to {bounds[1]} are possible")
+    return Size(name, value, *bounds)
+
+
+def _elements(table: Mapping[str, Any], size: Size | None) -> dict[str, Any]:
+    """The variables with their arrays taken apart: `x` with `each = true` is x_1, x_2 … x_size."""
+    found: dict[str, Any] = {}
+    for name, entry in table.items():
+        if not _flag(entry, "each", False):
+            found[name] = {**entry, "array": ""}
+            continue
+        if size is None:
+            raise BuildError(f"{name}.each = true needs a table [size]: how many there are")
+        for i in range(1, size.value + 1):
+            found[f"{name}_{i}"] = {**entry, "array": name, "description": f"{_text(entry, 'description', '')} {i}".strip()}
+    return found
 
 
 def _variables(data: Mapping[str, Any]) -> tuple[PlantVariable, ...]:
@@ -166,17 +220,18 @@ def _variables(data: Mapping[str, Any]) -> tuple[PlantVariable, ...]:
         if not nominal > 0.0:
             raise BuildError(f"states.{name}.nominal = {nominal!r} must be positive: it scales the integrator's tolerance")
         is_output = _flag(entry, "output", False)
-        found.append(PlantVariable(reference[name], name, "state", nominal=nominal, is_output=is_output,
+        found.append(PlantVariable(reference[name], name, "state", nominal=nominal, is_output=is_output, array=entry["array"],
                                    depends=(reference[name],) if is_output else None, **common(f"states.{name}", entry)))  # fmt: skip
     for name, entry in states.items():
         unit = entry.get("derivative_unit")
         if unit not in data["units"]:
             raise BuildError(f"states.{name}.derivative_unit = {unit!r} is not among [units]: {', '.join(data['units'])}")
+        array = entry["array"] and f"der({entry['array']})"
         found.append(PlantVariable(reference[f"der({name})"], f"der({name})", "derivative", unit, f"Derivative of {name}",
-                                   state=reference[name], depends=depends(f"states.{name}", entry)))  # fmt: skip
+                                   state=reference[name], depends=depends(f"states.{name}", entry), array=array))  # fmt: skip
     for name, entry in outputs.items():
         found.append(PlantVariable(reference[name], name, "output", entry["unit"], _text(entry, "description", ""),
-                                   is_output=True, depends=depends(f"outputs.{name}", entry)))  # fmt: skip
+                                   is_output=True, depends=depends(f"outputs.{name}", entry), array=entry["array"]))  # fmt: skip
     return tuple(found)
 
 

@@ -2,8 +2,12 @@
 
     dx/dt = A x + B u,   y = C x + D u
 
-Every entry is a string: a rational expression in the plant's parameters, such as "-stiffness / mass_1". Decimals are read exactly,
-so with parameters from a study the matrices are exact too; a test compares them with the binary's own derivatives.
+Every entry is a string: a rational expression in the plant's parameters, such as "-stiffness / mass_1", and in `[terms]`, which are
+abbreviations of such expressions. Decimals are read exactly, so with parameters from a study the matrices are exact too; a test compares
+them with the binary's own derivatives. A row is a list, or a table of its entries by state, in which what is zero is left out.
+
+In the twin of a plant with arrays (a line `size = N` stands at its top) the states are names of arrays; an entry between two of them is an
+expression in the row's index `i`, the column's `j` and `size`, counted from 1, in which `(j == i + 1)` is 1 where it is true and else 0.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ Row = tuple[Fraction, ...]
 
 LONGEST_EXPRESSION = 1000  # characters; a twin may come out of a stranger's FMU
 LARGEST_POWER = 16
+MOST_STATES = 400
 
 
 class Number(Protocol):
@@ -43,13 +48,17 @@ N = TypeVar("N", bound=Number)
 
 @dataclass(frozen=True, slots=True)
 class TwinMatrices:
-    """`dx/dt = A x + B u` for one input, and for each output name its row C and its feed-through D; exact."""
+    """`dx/dt = A x + B u` for one input, and for each output name its row C and its feed-through D; exact.
+
+    Of a `nonlinear` plant they are its equations at rest to first order.
+    """
 
     input: str
     states: tuple[str, ...]
     A: tuple[Row, ...]
     B: Row
     outputs: Mapping[str, tuple[Row, Fraction]]
+    nonlinear: bool = False
 
 
 def read_twin(text: str, parameters: Mapping[str, Fraction | Decimal | float | str] | None = None) -> TwinMatrices:
@@ -66,43 +75,87 @@ def read_twin(text: str, parameters: Mapping[str, Fraction | Decimal | float | s
             raise DescriptionError(f"the plant's linear twin has no parameter {name!r}; it has {', '.join(sorted(values)) or 'none'}")
         values[name] = _exact(name, value)
 
-    def entry(path: str, written: object) -> Fraction:
+    size, bases, nonlinear = _size(data), data.get("states"), data.get("nonlinear", False)
+    if not isinstance(nonlinear, bool):
+        raise DescriptionError(f"nonlinear = {nonlinear!r} must be true or false")
+    if not isinstance(bases, list) or not bases or not all(isinstance(name, str) for name in bases):
+        raise DescriptionError(f"states = {bases!r} must be a list of names")
+    if not isinstance(data.get("input"), str):
+        raise DescriptionError(f"input = {data.get('input')!r} must be a name")
+    states = [(str(base), j) for base in bases for j in _indices(size)]
+    if len(states) > MOST_STATES:
+        raise DescriptionError(f"the linear twin has {len(states)} states; at most {MOST_STATES} are read")
+
+    def entry(path: str, written: object, i: int = 0, j: int = 0) -> Fraction:
+        index = {} if size is None else {"i": Fraction(i), "j": Fraction(j), "size": Fraction(size)}
         try:
-            return evaluate(str(written), values, Fraction) if isinstance(written, str) else _exact(path, written)
+            return evaluate(str(written), {**values, **index}, Fraction) if isinstance(written, str) else _exact(path, written)
         except DescriptionError as problem:
             raise DescriptionError(f"{path}: {problem}") from None
 
-    def row(path: str, written: object, length: int) -> Row:
-        if not isinstance(written, list) or len(written) != length:
-            raise DescriptionError(f"{path} must be a list of {length} entries, one a state")
-        return tuple(entry(f"{path}[{i}]", x) for i, x in enumerate(written))
+    def row(path: str, written: object, i: int = 0) -> Row:
+        if isinstance(written, dict):
+            _known(path, written, bases)
+            return tuple(entry(f"{path}.{base}", written.get(base, 0), i, j) for base, j in states)
+        if size is not None or not isinstance(written, list) or len(written) != len(states):
+            raise DescriptionError(f"{path} must be a list of {len(states)} entries, one a state, or a table of entries by state")
+        return tuple(entry(f"{path}[{j}]", x) for j, x in enumerate(written))
 
-    states = data.get("states")
-    if not isinstance(states, list) or not states or not all(isinstance(name, str) for name in states):
-        raise DescriptionError(f"states = {states!r} must be a list of names")
-    if not isinstance(data.get("input"), str):
-        raise DescriptionError(f"input = {data.get('input')!r} must be a name")
-    n = len(states)
-    matrix = data.get("A")
-    if not isinstance(matrix, list) or len(matrix) != n:
-        raise DescriptionError(f"A must be a list of {n} rows, one a state")
+    for name, value in _mapping(data, "terms").items():
+        values[name] = entry(f"terms.{name}", value)
+    matrix, column = data.get("A"), data.get("B")
+    if isinstance(matrix, dict):
+        _known("A", matrix, bases)
+        rows = [(f"A.{base}", matrix.get(base, {}), i) for base, i in states]
+    elif isinstance(matrix, list) and len(matrix) == len(states) and size is None:
+        rows = [(f"A[{i}]", x, 0) for i, x in enumerate(matrix)]
+    else:
+        raise DescriptionError(f"A must be a list of {len(states)} rows, one a state, or a table of rows by state")
+    if isinstance(column, dict):
+        _known("B", column, bases)
+        B = tuple(entry(f"B.{base}", column.get(base, 0), i) for base, i in states)
+    else:
+        B = row("B", column)
     outputs: dict[str, tuple[Row, Fraction]] = {}
-    for name, output in _mapping(data, "outputs").items():
+    for base, output in _mapping(data, "outputs").items():
         if not isinstance(output, dict) or output.keys() != {"C", "D"}:
-            raise DescriptionError(f"outputs.{name} must be a table of C (a row) and D (an entry)")
-        outputs[name] = (row(f"outputs.{name}.C", output["C"], n), entry(f"outputs.{name}.D", output["D"]))
+            raise DescriptionError(f"outputs.{base} must be a table of C (a row) and D (an entry)")
+        for i in _indices(size) if base in bases else [0]:
+            outputs[_element(base, i)] = (row(f"outputs.{base}.C", output["C"], i), entry(f"outputs.{base}.D", output["D"], i))
     return TwinMatrices(
         input=data["input"],
-        states=tuple(states),
-        A=tuple(row(f"A[{i}]", x, n) for i, x in enumerate(matrix)),
-        B=row("B", data.get("B"), n),
+        states=tuple(_element(base, i) for base, i in states),
+        A=tuple(row(*line) for line in rows),
+        B=B,
         outputs=MappingProxyType(outputs),
+        nonlinear=nonlinear,
     )
 
 
-def check_twin(text: str) -> None:
-    """Raise `DescriptionError` if `text` is no twin.toml, or if it has no meaning with its own default parameters."""
-    read_twin(text)
+def sized(text: str, size: int | None) -> str:
+    """A twin.toml for arrays of `size`; as it is, if the plant has none."""
+    return text if size is None else f"size = {size}\n{text}"
+
+
+def _indices(size: int | None) -> list[int]:
+    """The indices of an array; of what is no array, just 0."""
+    return [0] if size is None else list(range(1, size + 1))
+
+
+def _element(base: str, i: int) -> str:
+    return f"{base}_{i}" if i else base
+
+
+def _size(data: Mapping[str, Any]) -> int | None:
+    size = data.get("size")
+    if size is not None and (type(size) is not int or not 1 <= size <= MOST_STATES):
+        raise DescriptionError(f"size = {size!r} must be a whole number from 1 to {MOST_STATES}")
+    return size
+
+
+def _known(path: str, written: Mapping[str, Any], names: list[str]) -> None:
+    if wrong := [name for name in written if name not in names]:
+        raise DescriptionError(f"{path}: {wrong[0]!r} is no state; the states are {', '.join(names)}")
 
 
 def linear_plant(twin: TwinMatrices, output: str) -> LinearPlant:
@@ -119,7 +172,7 @@ def linear_plant(twin: TwinMatrices, output: str) -> LinearPlant:
 
 
 def evaluate(expression: str, values: Mapping[str, N], literal: Callable[[str], N]) -> N:
-    """The value of a rational expression: names, decimal literals, + - * / and ** with a whole exponent, brackets.
+    """The value of a rational expression: names, decimal literals, + - * / and ** with a whole exponent, brackets; `a == b` is 1 or 0.
 
     `literal` makes a number of a literal's own text, so that "0.1" is one tenth. Raises `DescriptionError`.
     """
@@ -150,9 +203,11 @@ def evaluate(expression: str, values: Mapping[str, N], literal: Callable[[str], 
                 return visit(left) * visit(right)
             case ast.BinOp(left=left, op=ast.Div(), right=right):
                 return visit(left) / visit(right)
+            case ast.Compare(left=left, ops=[ast.Eq()], comparators=[right]):
+                return literal("1" if visit(left) == visit(right) else "0")
         raise DescriptionError(
-            f"{expression!r}: {ast.unparse(node)!r} is not allowed; names, decimal numbers, + - * / and ** with a whole "
-            f"exponent from 0 to {LARGEST_POWER} are"
+            f"{expression!r}: {ast.unparse(node)!r} is not allowed; names, decimal numbers, + - * / ==, and ** with a whole "
+            f"exponent from 0 to {LARGEST_POWER}, are"
         )
 
     try:
@@ -169,7 +224,7 @@ def _load(text: str) -> Mapping[str, Any]:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
         raise DescriptionError(f"the linear twin is no TOML: {problem}") from None
-    known = {"input", "states", "parameters", "A", "B", "outputs"}
+    known = {"size", "nonlinear", "input", "states", "parameters", "terms", "A", "B", "outputs"}
     for key in data:
         if key not in known:
             raise DescriptionError(f"the linear twin has an unknown key {key!r}; known are {', '.join(sorted(known))}")

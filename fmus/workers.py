@@ -197,7 +197,7 @@ def _request(
     for name, value in (*parameters.items(), *initial_state.items(), (input, initial_input)):
         if not np.isfinite(value):
             raise FmuError(f"{name!r} must be set to a finite number, not {value!r}")
-    start = [(description.settable_parameter(name), value) for name, value in parameters.items()]
+    start = [(description.settable_parameter(name, input), value) for name, value in parameters.items()]
     start += [(description.settable_state(name), value) for name, value in initial_state.items()]
     return {
         "kind": kind,

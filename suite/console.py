@@ -19,7 +19,9 @@ from suite.evidence import number
 from suite.verification import Progress, Verification
 
 if TYPE_CHECKING:
+    from fmus.catalogue import Entry
     from relaxations.commands import Tail
+    from relaxations.plants import Pole
     from suite.collection import Bracketed
     from suite.review import Review
 
@@ -187,6 +189,60 @@ def show_review(done: Review) -> None:
     for finding in done.findings:
         console.print(escape(finding), soft_wrap=True)
     console.print(f"{len(done.files)} files; review: {done.status}")
+
+
+def catalogue_record(plants: Sequence[Entry]) -> dict[str, Any]:
+    """The object of `fmus list --json` (docs/schemas.md)."""
+
+    def roots(those: Sequence[Pole]) -> list[list[float]]:
+        return [
+            [z.real, z.imag] for root in those for z in (root.value, root.value.conjugate())[: 1 + root.is_flexible] * root.multiplicity
+        ]
+
+    details = {
+        plant.name: {
+            "title": plant.title,
+            "domain": plant.domain,
+            "nonlinear": plant.nonlinear,
+            "input": plant.input,
+            "output": plant.output,
+            "poles": roots(plant.poles),
+            "zeros": roots(plant.zeros),
+            "size": None if plant.size is None else {"name": plant.size.name, "range": [plant.size.least, plant.size.most]},
+        }
+        for plant in plants
+    }
+    return {"plants": list(details), "details": details}
+
+
+def show_catalogue(plants: Sequence[Entry]) -> None:
+    """One row a plant: domain, from which input to which output, poles and zeros."""
+    console = _out()
+    table = Table()
+    for heading in ("plant", "domain", "input", "output", "poles [rad/s]", "zeros [rad/s]"):
+        table.add_column(escape(heading))
+    for plant in plants:
+        domain = f"{plant.domain}, nonlinear" if plant.nonlinear else plant.domain
+        ends = (f"{plant.input} [{plant.input_unit}]", f"{plant.output} [{plant.output_unit}]")
+        row = (plant.name, domain, *ends, _roots(plant.poles), _roots(plant.zeros))
+        table.add_row(*map(escape, row))
+    console.print(table)
+    for plant in plants:
+        if plant.size is not None:
+            example = f"{plant.name}_{min(2 * plant.size.value, plant.size.most)}"
+            choice = f"{plant.size.least} to {plant.size.most} {plant.size.name}, {plant.size.value} unless the name says otherwise"
+            console.print(escape(f"{plant.name}: {choice}, as in {example}"))
+
+
+def _roots(roots: Sequence[Pole]) -> str:
+    """Poles or zeros with their multiplicity, a conjugate pair written once."""
+
+    def one(root: Pole) -> str:
+        real, imaginary = root.value.real, root.value.imag
+        parts = [f"{real:.4g}"] * bool(real or not imaginary) + [f"±{abs(imaginary):.4g}j"] * bool(imaginary)
+        return "".join(parts) + (f" (×{root.multiplicity})" if root.multiplicity > 1 else "")
+
+    return ", ".join(map(one, roots)) or "–"
 
 
 def _coloured(verdict: str) -> str:

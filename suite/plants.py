@@ -65,7 +65,10 @@ def _twin(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value]) -> Linea
         twin = read_twin(fmu.archive.twin, parameters)
         if twin.input != plant.input:
             raise PlantError(f"the linear twin of {fmu.archive.path.name} describes the input {twin.input!r}, not {plant.input!r}")
-        return twin_plant(twin, plant.output)
+        linear = twin_plant(twin, plant.output)
+        near = "the linear plant is its motion near rest, and model_mismatch says how far the FMU is from it"
+        note = f"{fmu.archive.path.name} is nonlinear: {near}"
+        return replace(linear, notes=(*linear.notes, note)) if twin.nonlinear else linear
     except FmuError as problem:
         raise PlantError(str(problem)) from None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import tomllib
 from decimal import Decimal
 from pathlib import Path
@@ -56,9 +57,10 @@ def _error(file: Path, message: str) -> StudyError:
 
 def _neighbours(file: Path) -> str:
     try:
-        studies = sorted(entry.name for entry in file.parent.glob("*.toml"))[:8]
+        studies = sorted(entry.name for entry in file.parent.glob("*.toml"))
     except OSError:
         return ""
+    studies = sorted(studies, key=lambda name: -difflib.SequenceMatcher(None, file.name, name).ratio())[:8]  # the likeliest first
     return f"; beside it are {', '.join(studies)}" if studies else ""
 
 

@@ -32,6 +32,7 @@ class PlantNames:
     description: Description | None
     outputs: tuple[str, ...]
     controlled: str
+    driven: str = ""
 
     def logged(self, name: str) -> tuple[str, str]:
         """Name and unit of a variable that can be logged (`output` is the controlled one); raises `ValueError` with a sentence."""
@@ -47,13 +48,13 @@ class PlantNames:
             raise ValueError(str(problem)) from None
 
     def parameter(self, name: str) -> str:
-        """The unit of an FMU's parameter; raises `ValueError` with a sentence."""
+        """The unit of an FMU's parameter, or of an input that is held; raises `ValueError` with a sentence."""
         if self.description is None:
             raise ValueError(
                 "names an FMU's parameter, but the plant is given as numbers; valid are mode[i].frequency, mode[i].damping, zero[i]"
             )
         try:
-            return self.description.settable_parameter(name).unit
+            return self.description.settable_parameter(name, self.driven).unit
         except FmuError as problem:
             raise ValueError(str(problem)) from None
 
@@ -135,12 +136,12 @@ def _fmu_plant(written: schema.Plant, folder: Path, mistakes: list[Mistake]) -> 
     if fmu is None:
         mistakes.extend(Mistake(f"plant.{key}", ABSENT, "is missing") for key in ("input", "output") if getattr(written, key) is None)
         return None, None, mistakes
-    has = fmu.description
+    has, driven = fmu.description, written.input or ""
     entry = _variable("plant.input", written.input, has.drivable_input, has.names("input"), mistakes)
     output = _variable("plant.output", written.output, lambda name: _real(has.find(name, "output")), has.names("output"), mistakes)
     for name, value in (written.parameters or {}).items():
-        _variable(f"plant.parameters.{name}", name, has.settable_parameter, (), mistakes, value)
-    names = PlantNames(has, has.names("output"), written.output or "")
+        _variable(f"plant.parameters.{name}", name, lambda name: has.settable_parameter(name, driven), (), mistakes, value)
+    names = PlantNames(has, has.names("output"), written.output or "", driven)
     if mistakes or entry is None or output is None:
         return None, names, mistakes
     start = Decimal(repr(entry.start)) if isinstance(entry.start, float) else Decimal(0)
@@ -180,7 +181,7 @@ def _open(name: str, folder: Path, mistakes: list[Mistake]) -> Fmu | None:
     shipped = build.shipped()
     choices = {*shipped, *(f"{plant}.fmi{major}" for plant in shipped for major in (2, 3))}
     try:
-        if name in choices:
+        if build.is_shipped(name):
             path = build.locate(name)
         else:
             path = (folder / name).expanduser()

@@ -62,6 +62,12 @@ class RawFmu:
         self.fmu.enterInitializationMode(**({} if self.is_fmi2 else {"startTime": 0.0, "stopTime": stop}))
         self.fmu.exitInitializationMode()
 
+    def start_continuous_time(self) -> None:
+        """For model exchange, after `initialize`."""
+        if not self.is_fmi2:
+            self.fmu.updateDiscreteStates()
+        self.fmu.enterContinuousTimeMode()
+
     def reset(self) -> None:
         self.fmu.reset()
 

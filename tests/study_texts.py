@@ -31,6 +31,17 @@ displacement = 5.0
 input = [-1.0, 1.0]
 """
 
+CRANE = """
+[plant]
+fmu = "gantry_crane"
+input = "force"
+output = "load"
+[maneuver]
+displacement = 10.0
+[limits]
+input = [-3000.0, 3000.0]
+"""
+
 BOX = """
 [[uncertainty]]
 parameter = "stiffness"

@@ -12,6 +12,7 @@ import xml.etree.ElementTree as ElementTree
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import fmpy
 import pytest
@@ -19,7 +20,7 @@ from fault_plants import FAULTS, build_fault
 from fmpy.validation import validate_fmu
 
 from fmus import compiling
-from fmus.build import PLANTS, build, build_folder, locate, shipped
+from fmus.build import PLANTS, build, build_folder, is_shipped, locate, shipped
 from fmus.compiling import FmiVersion, compiler
 from fmus.errors import BuildError
 
@@ -130,6 +131,51 @@ def test_the_build_description_meets_its_schema() -> None:
         schema.assertValid(description)
         listed = [f"sources/{file.attrib['name']}" for file in description.iter("SourceFile")]
         assert set(listed) <= set(archive.namelist())
+
+
+# -- arrays ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_name_chooses_the_size(version: FmiVersion) -> None:
+    path = locate(f"chain_4.fmi{version[0]}")
+    with zipfile.ZipFile(path) as archive:
+        assert archive.read("resources/twin.toml").startswith(b"size = 4\n")
+        assert b"double position[4]; /* m */" in archive.read("sources/variables.h")
+    description: Any = fmpy.read_model_description(str(path))
+    states = [unknown.variable.derivative.name for unknown in description.derivatives]
+    assert states == [f"{kind}_{i}" for kind in ("position", "velocity") for i in range(1, 5)]
+    assert description.coSimulation.modelIdentifier == "chain_4"
+    assert is_shipped("chain_4")
+    assert not is_shipped("chain_x")
+
+
+def test_a_size_that_makes_no_sense_is_refused() -> None:
+    for name in ("chain_1", "chain_41", "chain_0"):
+        with pytest.raises(BuildError, match=rf"masses = {name[6:]}: from 2 to 40 are possible"):
+            build(name)
+    with pytest.raises(BuildError, match=r"the plant has no \[size\], so it cannot be built with 3"):
+        build("two_mass_3")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('name = "masses"', 'name = "n masses"', "size.name = 'n masses' is no name of a macro"),
+        ("start = 3", "start = 1.5", "masses = 1.5: from 2 to 40 are possible"),
+        ("range = [2, 40]", "range = [40, 2]", r"size.range = \[40, 2\] must be two whole numbers"),
+        ("range = [2, 40]", "range = [2, 40]\nstep = 1", r"unknown key size.step"),
+        ("[size]", "[sizes]", "unknown key sizes"),
+        ('[size]\nname = "masses"\nstart = 3\nrange = [2, 40]\n', "", r"position.each = true needs a table \[size\]"),
+        ("each = true, start = 0.0", "each = 1, start = 0.0", "each = 1 must be true or false"),
+        ("stiffness = {", "position_2 = {", "two variables are called 'position_2'"),
+    ],
+)
+def test_mistakes_with_arrays_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
+    copy = Path(shutil.copytree(PLANTS / "chain", tmp_path / "chain"))
+    change(copy / "plant.toml", old, new)
+    with pytest.raises(BuildError, match=words):
+        build_folder(copy)
 
 
 # -- the compiler ----------------------------------------------------------------------------------------------------------

@@ -226,10 +226,19 @@ def test_the_default_folder_is_named_after_the_study(tmp_path: Path, monkeypatch
 
 
 def test_shipped_plants_are_listed_and_built(tmp_path: Path) -> None:
-    assert run("fmus", "list").stdout.split() == list(shipped())
-    assert object_of(run("fmus", "list", "--json").stdout) == {"plants": list(shipped())}
-    done = run("fmus", "build", "two_mass", "--out", tmp_path, "--json")
-    assert object_of(done.stdout) == {"fmus": [str(tmp_path / f"two_mass.fmi{major}.fmu") for major in (2, 3)]}
+    listed = run("fmus", "list").stdout
+    assert [name for name in shipped() if f"│ {name} " not in listed] == []
+    assert "0 (×2), ±1.414j" in listed
+    assert "gantry_crane   │ mechanical, nonlinear" in listed
+    assert "chain: 2 to 40 masses" in listed
+    told = object_of(run("fmus", "list", "--json").stdout)
+    assert told["plants"] == list(told["details"]) == list(shipped())
+    assert told["details"]["two_mass"]["poles"] == [[0, 0], [0, 0], [0, 2**0.5], [0, -(2**0.5)]]
+    assert told["details"]["stirred_tanks"]["zeros"] == [[-0.026, 0]]
+    assert told["details"]["chain"]["size"] == {"name": "masses", "range": [2, 40]}
+    done = run("fmus", "build", "two_mass", "chain_4", "--out", tmp_path, "--json")
+    expected = [f"{name}.fmi{major}.fmu" for name in ("two_mass", "chain_4") for major in (2, 3)]
+    assert object_of(done.stdout) == {"fmus": [str(tmp_path / name) for name in expected]}
     assert all(zipfile.is_zipfile(path) for path in tmp_path.iterdir())
 
 

@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
-from study_texts import BOX, FORMS, PLANT, RIGID, SPRING, read, requirement
+from study_texts import BOX, CRANE, FORMS, PLANT, RIGID, SPRING, read, requirement
 
 from fmus.build import PLANTS, build, build_folder
+from fmus.stepping import Experiment
+from fmus.workers import Worker
 from relaxations.commands import Command, Segment, Tail
 from suite import schema
 from suite.errors import StudyError
@@ -108,6 +110,36 @@ def test_the_plant_at_a_place_in_the_box(tmp_path: Path) -> None:
 def test_parameters_of_the_study_reach_the_twin(tmp_path: Path) -> None:
     study = read(tmp_path, SPRING.replace("[maneuver]", "parameters = { stiffness = 2 }\n[maneuver]"))
     assert nominal_plant(study).flexible[0].natural_frequency == pytest.approx(2.0, rel=1e-15)  # ω² = 2k/m, one rounding
+
+
+def test_an_input_that_the_command_does_not_drive_is_held(tmp_path: Path) -> None:
+    study = read(tmp_path, CRANE.replace("[maneuver]", "parameters = { hoist = -1.5 }\n[maneuver]") + BOX.replace("stiffness", "length"))
+    assert study.plant.fmu is not None
+    assert study.plant.fmu.parameters == {"hoist": Decimal("-1.5")}
+    shown = read(tmp_path, CRANE + BOX.replace("stiffness", "hoist"))
+    assert (shown.uncertainties[0].parameter, shown.uncertainties[0].unit) == ("hoist", "m")
+    experiment = Experiment(
+        fmu=study.plant.fmu.archive.path,
+        input="force",
+        outputs=("cable", "load"),
+        parameters={"hoist": -1.5},
+        initial_input=0.0,
+        initial_state={},
+        command=Command(1.0, (Segment(0.0, 0.0),), Tail(0.0)),
+        stop=40.0,
+        step=1.0,
+    )
+    with Worker() as worker:
+        trajectory = worker.run(experiment, 20.0).trajectory
+    assert trajectory is not None
+    # The hoist follows with e^{-t} (1 + t): 2e-16 of the way is left after 40 s.
+    assert trajectory.values[-1].tolist() == pytest.approx([6.5, 0.0], rel=1e-14)
+
+
+def test_a_nonlinear_plant_says_what_its_bracket_is_about(tmp_path: Path) -> None:
+    (note,) = nominal_plant(read(tmp_path, CRANE)).notes
+    assert note.startswith("gantry_crane.fmi3.fmu is nonlinear: the linear plant is its motion near rest")
+    assert nominal_plant(read(tmp_path, SPRING)).notes == ()
 
 
 def test_a_plant_outside_its_meaning_is_an_error_at_plant(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from study_texts import BOX, FORMS, RIGID, SPRING, mistakes, read, requirement
+from study_texts import BOX, CRANE, FORMS, RIGID, SPRING, mistakes, read, requirement
 
 from suite import schema
 from suite.errors import Mistake, StudyError
@@ -213,6 +213,15 @@ def test_linear_parameters_are_refused_not_ignored(tmp_path: Path) -> None:
     for parameter in ("mode[1].frequency", "mode[2].damping", "zero[1]"):
         found = mistakes(tmp_path, RIGID + f"[[uncertainty]]\nparameter = '{parameter}'\nrange = [0.9, 1.1]\n")
         assert "not supported by this version" in found["uncertainty[1].parameter"]
+
+
+def test_the_input_that_the_command_drives_cannot_be_held_too(tmp_path: Path) -> None:
+    held = CRANE.replace("[maneuver]", "parameters = { force = 1.0 }\n[maneuver]")
+    assert "'force' of Gantry crane has causality input, not parameter" in mistakes(tmp_path, held)["plant.parameters.force"]
+    axis = "[[uncertainty]]\nparameter = 'force'\nrange = [0.0, 1.0]\n"
+    assert "causality input, not parameter" in mistakes(tmp_path, CRANE + axis)["uncertainty[1].parameter"]
+    nameless = mistakes(tmp_path, CRANE.replace('input = "force"\n', "").replace("[maneuver]", "parameters = { force = 1.0 }\n[maneuver]"))
+    assert "is missing; the FMU has force, hoist" in nameless["plant.input"]
 
 
 def test_tables_name_keys_that_exist() -> None:

@@ -10,7 +10,7 @@ from flint import arb
 
 from fmus.build import PLANTS
 from fmus.errors import DescriptionError
-from fmus.twins import evaluate, linear_plant, read_twin
+from fmus.twins import evaluate, linear_plant, read_twin, sized
 
 TWO_MASS = (PLANTS / "two_mass" / "twin.toml").read_text(encoding="utf-8")
 SMALL = """
@@ -37,6 +37,7 @@ z = { C = ["2"], D = 0 }
         ("mass ** 0", Fraction(1)),
         ("1e-3", Fraction(1, 1000)),
         ("- -mass", Fraction(3)),
+        ("(mass == 3) * stiffness + (mass == stiffness)", Fraction(7, 10)),
     ],
 )
 def test_expressions_are_exact(expression: str, value: Fraction) -> None:
@@ -115,6 +116,7 @@ def test_senseless_parameters_are_named(parameters: dict[str, float], words: str
         ('"1 / b"', "nan", r"B\[0\] = nan must be a finite number"),
         (', D = "a"', "", "outputs.y must be a table of C"),
         ("[parameters]", "[parameter]", "unknown key 'parameter'"),
+        ('input = "u"', 'input = "u"\nnonlinear = 1', "nonlinear = 1 must be true or false"),
         ("[outputs]", "outputs", "no TOML"),
     ],
 )
@@ -122,6 +124,64 @@ def test_malformed_twins_are_refused(old: str, new: str, words: str) -> None:
     assert old in SMALL
     with pytest.raises(DescriptionError, match=words):
         read_twin(SMALL.replace(old, new))
+
+
+CHAIN = """
+input = "u"
+states = ["x", "v"]
+B = { v = "(i == 1) / m" }
+[parameters]
+m = "2"
+[terms]
+third = "1 / 3"
+pull = "third / m"
+[A]
+x = { v = "(j == i)" }
+v = { x = "pull * ((j == i + 1) + (j == i - 1) - (j == i) * (2 - (i == 1) - (i == size)))" }
+[outputs]
+x = { C = { x = "(j == i)" }, D = 0 }
+mean = { C = { x = "1 / size" }, D = 0 }
+"""
+
+
+def test_blocks_and_terms_make_the_same_matrices_as_lists() -> None:
+    twin = read_twin(sized(CHAIN, 3), {"m": "4"})
+    k = Fraction(1, 12)
+    assert twin.states == ("x_1", "x_2", "x_3", "v_1", "v_2", "v_3")
+    stiffness = [[-k, k, 0], [k, -2 * k, k], [0, k, -k]]
+    assert [list(row) for row in twin.A] == [
+        *([0, 0, 0, *(int(i == j) for j in range(3))] for i in range(3)),
+        *([*row, 0, 0, 0] for row in stiffness),
+    ]
+    assert list(twin.B) == [0, 0, 0, Fraction(1, 4), 0, 0]
+    assert {name: list(row) for name, (row, _) in twin.outputs.items()} == {
+        "x_1": [1, 0, 0, 0, 0, 0],
+        "x_2": [0, 1, 0, 0, 0, 0],
+        "x_3": [0, 0, 1, 0, 0, 0],
+        "mean": [Fraction(1, 3)] * 3 + [0, 0, 0],
+    }
+    assert read_twin(sized(CHAIN, 1)).A == ((0, 1), (0, 0)), "a chain of one mass is free"
+
+
+@pytest.mark.parametrize(
+    ("size", "old", "new", "words"),
+    [
+        (0, "", "", "size = 0 must be a whole number from 1 to 400"),
+        (201, "", "", "the linear twin has 402 states; at most 400 are read"),
+        (2, "x = { v", "y = { v", "A: 'y' is no state; the states are x, v"),
+        (2, "B = { v", "B = { w", "B: 'w' is no state"),
+        (2, 'C = { x = "1 / size" }', 'C = ["1", "1", "0", "0"]', r"outputs.mean.C must be a list of 4 entries, one a state, or a table"),
+        (2, "[A]", "[terms2]", "unknown key 'terms2'"),
+        (2, 'third = "1 / 3"', 'third = "1 / pull"', r"terms.third: '1 / pull': there is no parameter 'pull'"),
+        (2, "(j == i)", "(j < i)", "is not allowed"),
+        (2, "(j == i)", "(j == i == 1)", "is not allowed"),
+        (None, "", "", "there is no parameter 'i'"),
+    ],
+)
+def test_malformed_blocks_are_refused(size: int | None, old: str, new: str, words: str) -> None:
+    assert old in CHAIN
+    with pytest.raises(DescriptionError, match=words):
+        read_twin(sized(CHAIN.replace(old, new, 1), size))
 
 
 def test_the_linear_plant_has_the_twins_outputs() -> None:
