@@ -48,6 +48,7 @@ class Variable:
     nominal: float = 1.0
     shape: tuple[int, ...] = ()
     derivative_of: str | None = None
+    intermediate: bool = False  # can be set within a step (FMI 3.0)
 
     @property
     def is_number(self) -> bool:
@@ -62,7 +63,11 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """What the FMU can do. The identifiers are the file names of its binaries, None where the interface is missing."""
+    """What the FMU can do. The identifiers are the file names of its binaries, None where the interface is missing.
+
+    Of co-simulation: `variable_step` … `restores_steps` (FMU states can be saved and restored) and `fixed_internal_step` [s]. Of model
+    exchange: `completed_steps` (it wants to know of each accepted integrator step) and, in FMI 2.0, the number of `event_indicators`.
+    """
 
     co_simulation: str | None = None
     model_exchange: str | None = None
@@ -72,6 +77,17 @@ class Capabilities:
     once_per_process: bool = False
     needs_execution_tool: bool = False
     fixed_internal_step: float | None = None
+    event_mode: bool = False
+    early_return: bool = False
+    intermediate_update: bool = False
+    restores_steps: bool = False
+    completed_steps: bool = True
+    event_indicators: int = 0
+
+    @property
+    def one_step(self) -> bool:
+        """Whether communication points lie on multiples of one step only."""
+        return self.co_simulation is not None and (not self.variable_step or self.fixed_internal_step is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +106,11 @@ class Description:
     log_categories: tuple[str, ...] = ()
     states: tuple[tuple[str, str], ...] = ()
     """Name of each continuous state and of its derivative, in the order of the FMU's state vector."""
+
+    @property
+    def grid_step(self) -> float | None:
+        """The step [s] that a co-simulation with one step size only is meant for; None if it does not say."""
+        return self.capabilities.fixed_internal_step or self.default_step
 
     @property
     def major(self) -> int:
@@ -182,6 +203,12 @@ def read_description(xml: bytes) -> Description:
         once_per_process=bool(either.canBeInstantiatedOnlyOncePerProcess),
         needs_execution_tool=bool(either.needsExecutionTool),
         fixed_internal_step=fixed,
+        event_mode=bool(cs and cs.hasEventMode),
+        early_return=bool(cs and (cs.mightReturnEarlyFromDoStep or cs.hasEventMode)),
+        intermediate_update=bool(cs and cs.providesIntermediateUpdate),
+        restores_steps=bool(cs and cs.canGetAndSetFMUstate),
+        completed_steps=bool(me and me.needsCompletedIntegratorStep),
+        event_indicators=raw.numberOfEventIndicators or 0,
     )
     variables = tuple(_variable(v) for v in raw.modelVariables)
     experiment = raw.defaultExperiment
@@ -236,6 +263,7 @@ def _variable(raw: ModelVariable) -> Variable:
         nominal=abs(nominal or 1.0),  # some tools export a nominal of 0, which must be read as 1
         shape=tuple(raw.shape or ()),
         derivative_of=raw.derivative.name if raw.derivative is not None else None,
+        intermediate=bool(raw.intermediateUpdate),
     )
 
 
