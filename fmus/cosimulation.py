@@ -171,7 +171,8 @@ class _Stepping:
                 self._messages("discard", f"a step of {asked:.9g} s from {now:.9g} s was discarded: cut to {largest:.9g} s")
             else:
                 now = stopped.reached
-                if stopped.event or now >= self._event_time:
+                if self._events and (stopped.event or now >= self._event_time):
+                    self._messages("ok", f"event at {now:.12g} s")
                     self._event()
             left = end - now
             if left <= SAME * size:

@@ -27,6 +27,7 @@ from relaxations.commands import Command, Piece
 Array = NDArray[np.float64]
 
 HALVINGS = 10  # of a step whose evaluation the FMU discards
+CAUTIOUS = 10  # accepted steps after which its successors may be longer again
 LOCATED = 4 * np.finfo(float).eps  # relative accuracy of an event's time
 NEAR = 64 * np.finfo(float).eps  # relative distance of two times between which nothing is integrated
 MOST_EVENTS = 100  # at one instant
@@ -81,7 +82,7 @@ class _Exchange:
         self._event_time = math.inf
         self._events_here = 0
         self._stiff, self._taken, self._allowed = False, 0, 0
-        self._largest = 0.0
+        self._largest, self._since_cut = 0.0, 0
 
     def carry_out(self) -> None:
         """The whole run."""
@@ -133,8 +134,13 @@ class _Exchange:
             if reached > self._time:
                 halvings = self._events_here = 0
             self._time, self._states = reached, states
+            self._since_cut += 1
             if crossed or event or reached >= self._event_time:
+                kind = "state" if crossed else "step" if event else "time"
+                self._messages("ok", f"{kind} event at {reached:.12g} s")
                 self._event()
+            elif self._largest and self._since_cut > CAUTIOUS:
+                self._start()
             elif not self._stiff and self._taken > self._allowed + STEPS_PER_ROW * row:
                 self._stiff = True
                 self._messages("ok", f"at {reached:.9g} s the plant proves stiff: from here on by backward differentiation")
@@ -164,9 +170,10 @@ class _Exchange:
     def _shorten(self) -> None:
         """After a discarded evaluation: again from the accepted point, with at most half of the step that was tried."""
         tried = self._model.time - self._time
-        self._largest = max(tried, np.finfo(float).eps * abs(self._time)) / 2.0
-        self._messages("discard", f"a step of {tried:.9g} s from {self._time:.9g} s was discarded: cut to {self._largest:.9g} s")
-        self._start()
+        shorter = max(tried, np.finfo(float).eps * abs(self._time)) / 2.0
+        self._messages("discard", f"a step of {tried:.9g} s from {self._time:.9g} s was discarded: cut to {shorter:.9g} s")
+        self._since_cut = 0
+        self._start(shorter)
 
     def _event(self, piece: Piece | None = None, entered: bool = False) -> None:
         """An event at the accepted point, from which on another `piece` of the command may hold; then a restart."""
@@ -181,7 +188,6 @@ class _Exchange:
             self._model.set_input(self._time)
         self._settle()
         self._instance.enter_continuous_time()
-        self._largest = 0.0
         self._states = self._model.states()
         self._start()
 
@@ -191,8 +197,12 @@ class _Exchange:
             raise _Terminated
         self._event_time = settled.next_event
 
-    def _start(self) -> None:
-        """A new beginning for the integrator, from the accepted point (an event may have changed the states' sizes)."""
+    def _start(self, largest: float = 0.0) -> None:
+        """A new beginning for the integrator, from the accepted point, with steps of at most `largest` [s] (0: any).
+
+        An event may have changed the states' sizes.
+        """
+        self._largest = largest
         self._integrator = Integrator(self._model.slopes, self._model.sizes(), self._tolerance, self._stiff, self._largest)
         self._integrator.start(self._time, self._states)
         self._allowed += STEPS_PER_START
