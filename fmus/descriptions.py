@@ -182,7 +182,8 @@ def read_description(xml: bytes) -> Description:
     `DescriptionError` for a DOCTYPE (entities could read files or fill the memory), another FMI version, an FMU for
     scheduled execution only, or anything that the standard's schema refuses.
     """
-    interfaces = _interfaces(xml)
+    intermediate: set[str] = set()
+    interfaces = _interfaces(xml, intermediate)
     from fmus.instances import parse_description  # heavy: validation needs the XML schemas
 
     raw = parse_description(xml)
@@ -210,7 +211,7 @@ def read_description(xml: bytes) -> Description:
         completed_steps=bool(me and me.needsCompletedIntegratorStep),
         event_indicators=raw.numberOfEventIndicators or 0,
     )
-    variables = tuple(_variable(v) for v in raw.modelVariables)
+    variables = tuple(_variable(v, v.name in intermediate) for v in raw.modelVariables)
     experiment = raw.defaultExperiment
     return Description(
         fmi_version=raw.fmiVersion or "",
@@ -242,7 +243,7 @@ def _unit(raw: RawUnit) -> Unit:
     return Unit(raw.name or "", tuple(p for p in powers if p[1]), factor, offset)
 
 
-def _variable(raw: ModelVariable) -> Variable:
+def _variable(raw: ModelVariable, intermediate: bool) -> Variable:
     declared = raw.declaredType
     start: float | str | None = raw.start
     if raw.start in ("true", "false"):
@@ -263,7 +264,7 @@ def _variable(raw: ModelVariable) -> Variable:
         nominal=abs(nominal or 1.0),  # some tools export a nominal of 0, which must be read as 1
         shape=tuple(raw.shape or ()),
         derivative_of=raw.derivative.name if raw.derivative is not None else None,
-        intermediate=bool(raw.intermediateUpdate),
+        intermediate=intermediate,
     )
 
 
@@ -277,8 +278,11 @@ def _number(text: str | float | None) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _interfaces(xml: bytes) -> dict[str, dict[str, str]]:
-    """The attributes of the root's direct children, after refusing what must not reach a full XML parser."""
+def _interfaces(xml: bytes, intermediate: set[str]) -> dict[str, dict[str, str]]:
+    """The attributes of the root's direct children, after refusing what must not reach a full XML parser.
+
+    `intermediate` receives the variables that can be set within a step, an attribute that the parser does not know.
+    """
     found: dict[str, dict[str, str]] = {}
     depth = 0
 
@@ -291,6 +295,8 @@ def _interfaces(xml: bytes) -> dict[str, dict[str, str]]:
             _check_root(name, attributes)
         elif depth == 1:
             found[name] = attributes
+        elif depth == 2 and attributes.get("intermediateUpdate") in ("true", "1"):
+            intermediate.add(attributes.get("name", ""))
         depth += 1
 
     def end(_: str) -> None:

@@ -81,6 +81,11 @@ class PlantFile:
     input_derivatives: int = 5
     memory: str = ""
 
+    @property
+    def asks(self) -> bool:
+        """Whether its inputs can be set within a step (FMI 3.0): what remembers its inputs takes them at communication points."""
+        return bool(self.of_kind("input")) and not self.memory
+
     def of_kind(self, kind: Kind) -> tuple[PlantVariable, ...]:
         """The variables of one kind, in order."""
         return tuple(v for v in self.variables if v.kind == kind)
