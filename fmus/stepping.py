@@ -154,11 +154,15 @@ def multiples(stop: float, step: float, breakpoints: Iterable[float] = ()) -> Ar
 
     Raises `FmuError` naming the first breakpoint before the stop that is none of them.
     """
-    count = samples(stop, step)
+    require_multiples((point for point in breakpoints if point < stop), step)
+    return np.arange(samples(stop, step) + 1, dtype=np.float64) * step
+
+
+def require_multiples(breakpoints: Iterable[float], step: float) -> None:
+    """Raise `FmuError` naming the first breakpoint [s] that is no multiple of the step, up to rounding."""
     for point in sorted(breakpoints):
-        if point < stop and abs(point - round(point / step) * step) > MERGE * step:
+        if abs(point - round(point / step) * step) > MERGE * step:
             raise FmuError(f"the input changes at {point!r} s, which is no multiple of the step {step!r} s")
-    return np.arange(count + 1, dtype=np.float64) * step
 
 
 def samples(stop: float, step: float) -> int:

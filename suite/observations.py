@@ -62,7 +62,7 @@ class Subject:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What one run was told: its name, parameter values (exact), facts, communication step and stop time [s]."""
+    """What one run was told: its name, parameter values (exact), facts, communication step and stop time [s], the FMU's interface."""
 
     name: str
     nominal: bool
@@ -70,6 +70,7 @@ class Setting:
     facts: Facts
     step: float
     stop: float
+    interface: str = "co-simulation"
 
 
 def record(subject: Subject, setting: Setting, outcome: Outcome, linear: Reals) -> RunLog:
@@ -87,6 +88,7 @@ def record(subject: Subject, setting: Setting, outcome: Outcome, linear: Reals) 
         "slowest_period": json.dumps(setting.facts.slowest_period),
         "step": repr(setting.step),
         "stop": repr(setting.stop),
+        "interface": setting.interface,
         "input": subject.input.variable,
         "output": subject.output.variable,
         "facts": json.dumps(asdict(setting.facts)),
@@ -136,6 +138,20 @@ def observe(log: RunLog) -> Observation:
         command=Command.from_json(log.attachments[COMMAND_FILE].decode()),
         facts=Facts(**facts),
     )
+
+
+def thinned(run: Observation) -> Observation:
+    """The run with every second communication point left out, but for those at which the input changes, the end of the move and the last.
+
+    Where an FMU takes steps of one size only, the distance from this measures what is not seen between the points.
+    """
+    keep = np.arange(len(run.times)) % 2 == 0
+    keep[1:] |= run.input[1:] != run.input[:-1]
+    keep |= run.after & ~np.append(False, run.after[:-1])
+    keep[-1] = True
+    variables = MappingProxyType({name: values[keep] for name, values in run.variables.items()})
+    signals = (signal[keep] for signal in (run.times, run.input, run.output, run.linear))
+    return Observation(*signals, variables, run.command, run.facts)
 
 
 def with_verdict(log: RunLog, verdict: Verdict, measured: Mapping[str, Measured]) -> RunLog:
