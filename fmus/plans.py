@@ -40,6 +40,22 @@ def interface_of(has: Capabilities, asked: str | None) -> str:
     return asked.replace("-", "_")
 
 
+def grid_step(description: Description, interface: str | None, asked: float | None) -> float | None:
+    """The step [s] that all communication points are multiples of, None if the FMU takes any; `asked` is the user's, if there is one.
+
+    Raises `Misfit` if that does not fit the FMU's internal step, or nobody names a step.
+    """
+    has = description.capabilities
+    if interface_of(has, interface) != "co_simulation" or not has.one_step:
+        return None
+    step, fixed = asked or description.grid_step, has.fixed_internal_step
+    if step is None:
+        raise Misfit("it takes communication steps of one size only, and does not say of which: give a step")
+    if fixed is not None and abs(step - round(step / fixed) * fixed) > MERGE * step:
+        raise Misfit(f"its internal step is {fixed!r} s, and a communication step of {step!r} s is no multiple of it")
+    return step
+
+
 def plan(description: Description, experiment: Experiment) -> Plan:
     """The plan of a run; raises `Misfit` if an FMU with one step size cannot follow the command."""
     e, has = experiment, description.capabilities
@@ -52,7 +68,7 @@ def plan(description: Description, experiment: Experiment) -> Plan:
         return Plan(interface, request, (times,), times, e.command(times, e.initial_input), np.arange(len(times)))
     intermediate = description.major == 3 and has.intermediate_update and description.find(e.input).intermediate
     ramps = description.major == 2 and has.interpolates_inputs
-    told, sizes = _steps(has, e, intermediate, ramps)
+    told, sizes = _steps(description, e, intermediate, ramps)
     moving = bool((told.slopes != 0.0).any())
     request |= {
         "points": len(told.times),
@@ -69,15 +85,13 @@ def plan(description: Description, experiment: Experiment) -> Plan:
     return Plan(interface, request, columns, told.times, applied, told.logged)
 
 
-def _steps(has: Capabilities, e: Experiment, intermediate: bool, ramps: bool) -> tuple[Told, Array]:
+def _steps(description: Description, e: Experiment, intermediate: bool, ramps: bool) -> tuple[Told, Array]:
     """What the FMU is told, and the sizes of its steps [s]."""
     tell = instants if intermediate else lines if ramps else constants
-    if not has.one_step:
+    if not description.capabilities.one_step:
         told = tell(e.command, grid(0.0, e.stop, e.step, e.command.breakpoints), e.initial_input)
         return told, step_sizes(told.times)
-    fixed = has.fixed_internal_step
-    if fixed and abs(e.step - round(e.step / fixed) * fixed) > MERGE * e.step:
-        raise Misfit(f"its internal step is {fixed!r} s, and a communication step of {e.step!r} s is no multiple of it")
+    grid_step(description, e.interface, e.step)
     try:
         times = multiples(e.stop, e.step, e.command.breakpoints)
     except FmuError as problem:

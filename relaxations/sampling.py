@@ -43,7 +43,7 @@ def sampled_minimum(problem: Problem, step: float, least: float = 0.0) -> Sample
 
     def reaches(count: int) -> bool:
         try:
-            known[count] = programs.solve(programs.build(problem, np.arange(count + 1) * step))
+            known[count] = programs.solve(programs.build(problem, np.arange(count + 1, dtype=np.float64) * step))
         except ShortHorizonError:
             known[count] = None
         solution = known[count]

@@ -140,13 +140,17 @@ def settle(study: Study, sample: Sample, command: Command, bracket: tuple[float 
         observed = study.simulation.observe
     stop = command.end + observed
     grid = grid_step(study)
-    step = stop / STEPS_PER_WINDOW
-    if modes:
-        step = min(step, 2 * math.pi / max(frequency for frequency, _ in modes) / STEPS_PER_PERIOD)
+    step = study.simulation.step or natural_step([frequency for frequency, _ in modes], stop)
     if grid is not None:
         step, stop = grid, steps(stop, grid) * grid
     facts = Facts(float(study.maneuver.displacement), float(study.plant.initial_input), 0.0, modes, slowest, decayed, *bracket)
-    return Setting(sample.name, sample.nominal, sample.parameters, facts, study.simulation.step or step, stop, interface(study))
+    return Setting(sample.name, sample.nominal, sample.parameters, facts, step, stop, interface(study))
+
+
+def natural_step(frequencies: Sequence[float], stop: float) -> float:
+    """The communication step [s] for modes of these frequencies [rad/s] in a run until `stop` [s]."""
+    periods = [2 * math.pi / frequency / STEPS_PER_PERIOD for frequency in frequencies]
+    return min([*periods, stop / STEPS_PER_WINDOW])
 
 
 def interface(study: Study) -> Interface:

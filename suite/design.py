@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
+from fmus import plans
 from fmus.errors import FmuError
-from fmus.plans import interface_of
 from fmus.stepping import require_multiples
 from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
@@ -86,16 +86,11 @@ def grid_step(study: Study) -> float | None:
     fmu, asked = study.plant.fmu, study.simulation.step
     if fmu is None:
         return None
-    has = fmu.archive.description.capabilities
-    if interface_of(has, study.simulation.interface) != "co_simulation" or not has.one_step:
-        return None
-    step, fixed = asked or fmu.archive.description.grid_step, has.fixed_internal_step
-    if step is None:
-        why = "is missing: the FMU takes communication steps of one size only, and does not say of which"
-        raise StudyError(str(study.file), [Mistake("simulation.step", ABSENT, why)])
-    if fixed is not None and abs(step / fixed - round(step / fixed)) > 1e-9:
-        raise StudyError(str(study.file), [Mistake("simulation.step", step, f"must be a multiple of the FMU's internal step, {fixed!r} s")])
-    return step
+    try:
+        return plans.grid_step(fmu.archive.description, study.simulation.interface, asked)
+    except plans.Misfit as problem:
+        value = ABSENT if asked is None else asked
+        raise StudyError(str(study.file), [Mistake("simulation.step", value, f"does not suit the FMU: {problem}")]) from None
 
 
 def on_grid(study: Study, made: Design) -> Design:

@@ -73,8 +73,8 @@ class Setting:
     interface: str = "co-simulation"
 
 
-def record(subject: Subject, setting: Setting, outcome: Outcome, linear: Reals) -> RunLog:
-    """The log of a run as far as it got; `linear` (n,) is the linear plant's output at the trajectory's times, output unit."""
+def record(subject: Subject, setting: Setting, outcome: Outcome, linear: Reals | None) -> RunLog:
+    """The log of a run as far as it got; `linear` (n,) is the linear plant's output at the trajectory's times, output unit, if known."""
     run = {
         "run": setting.name,
         "nominal": json.dumps(setting.nominal),
@@ -110,9 +110,10 @@ def record(subject: Subject, setting: Setting, outcome: Outcome, linear: Reals) 
         _signal(COMMAND, times, [replace(subject.input, causality="local")], asked[:, None], names=("u",)),
         _signal(INPUT, times, [subject.input], trajectory.input[:, None]),
         _signal(OUTPUT, times, subject.outputs, logged(subject.outputs)),
-        _signal(LINEAR, times, [replace(subject.output, causality="local")], linear[:, None]),
         _signal(LIMITS, times[:1], [replace(subject.input, causality="local")] * 2, np.array([subject.limits]), names=("lower", "upper")),
     ]
+    if linear is not None:
+        signals.insert(3, _signal(LINEAR, times, [replace(subject.output, causality="local")], linear[:, None]))
     if subject.states:
         signals.append(_signal(STATE, times, subject.states, logged(subject.states)))
     return RunLog(run, None, tuple(signals), messages, attachments)
@@ -128,12 +129,13 @@ def observe(log: RunLog) -> Observation:
             if not np.array_equal(variables.setdefault(name, signal.values[:, i]), signal.values[:, i]):
                 raise ValueError(f"{name} has other values as a state than as an output")
     applied = log.signal(INPUT)
+    unknown = np.full(len(applied.times), np.nan)  # of a plant that gives no linear one
     output = variables[log.run["output"]]
     return Observation(
         times=applied.times,
         input=applied.values[:, 0],
         output=output,
-        linear=log.signal(LINEAR).values[:, 0],
+        linear=next((signal.values[:, 0] for signal in log.signals if signal.topic == LINEAR), unknown),
         variables=MappingProxyType({"output": output, **variables}),
         command=Command.from_json(log.attachments[COMMAND_FILE].decode()),
         facts=Facts(**facts),
@@ -150,8 +152,8 @@ def thinned(run: Observation) -> Observation:
     keep |= run.after & ~np.append(False, run.after[:-1])
     keep[-1] = True
     variables = MappingProxyType({name: values[keep] for name, values in run.variables.items()})
-    signals = (signal[keep] for signal in (run.times, run.input, run.output, run.linear))
-    return Observation(*signals, variables, run.command, run.facts)
+    times, applied, output, linear = (signal[keep] for signal in (run.times, run.input, run.output, run.linear))
+    return Observation(times, applied, output, linear, variables, run.command, run.facts)
 
 
 def with_verdict(log: RunLog, verdict: Verdict, measured: Mapping[str, Measured]) -> RunLog:
