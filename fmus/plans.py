@@ -65,7 +65,7 @@ def plan(description: Description, experiment: Experiment) -> Plan:
         times = grid(0.0, e.stop, e.step, e.command.breakpoints)
         request |= {"tolerance": e.tolerance, "completed_steps": has.completed_steps}
         request |= {"states": len(description.states), "indicators": has.event_indicators, "points": len(times)}
-        return Plan(interface, request, (times,), times, e.command(times, e.initial_input), np.arange(len(times)))
+        return Plan(interface, request, (times,), times, _applied(e, times), np.arange(len(times)))
     intermediate = description.major == 3 and has.intermediate_update and description.find(e.input).intermediate
     ramps = description.major == 2 and has.interpolates_inputs
     told, sizes = _steps(description, e, intermediate, ramps)
@@ -81,8 +81,12 @@ def plan(description: Description, experiment: Experiment) -> Plan:
         "divisible": not has.one_step,
     }
     columns = (told.times, sizes, told.levels, *((told.slopes,) if moving else ()))
-    applied = np.append(told.levels, e.command(told.times[-1], e.initial_input))
-    return Plan(interface, request, columns, told.times, applied, told.logged)
+    return Plan(interface, request, columns, told.times, _applied(e, told.times), told.logged)
+
+
+def _applied(e: Experiment, times: Array) -> Array:
+    """The input from each of the times on. Of a slope or tail that is the command itself, not the constants or lines that stand for it."""
+    return np.append(instants(e.command, times, e.initial_input).levels, e.command(times[-1], e.initial_input))
 
 
 def _steps(description: Description, e: Experiment, intermediate: bool, ramps: bool) -> tuple[Told, Array]:

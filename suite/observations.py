@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from fmus.stepping import Outcome
+from fmus.stepping import Interface, Outcome
 from relaxations.commands import Command
 from reports.records import Message, RunLog, Signal, field_names
 from suite.quantities import Facts, Observation
@@ -70,7 +70,7 @@ class Setting:
     facts: Facts
     step: float
     stop: float
-    interface: str = "co-simulation"
+    interface: Interface = "co-simulation"
 
 
 def record(subject: Subject, setting: Setting, outcome: Outcome, linear: Reals | None) -> RunLog:
