@@ -22,6 +22,7 @@ from reports import logs
 from suite import schema
 from suite.campaign import measure, natural_step
 from suite.errors import SuiteError
+from suite.evidence import number
 from suite.observations import Channel, Setting, Subject, observe, record, thinned, with_verdict
 from suite.plants import linear_plant
 from suite.quantities import Facts, window
@@ -89,7 +90,7 @@ class Simulated:
         return {
             "status": self.status.name.lower(),
             "detail": self.detail,
-            "quantities": {name: {"value": value.value, "error": value.error} for name, value in self.measured.items()},
+            "quantities": {name: {"value": number(value.value), "error": number(value.error)} for name, value in self.measured.items()},
             "interface": self.interface,
             "step": self.step,
             "stop": self.stop,
