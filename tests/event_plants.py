@@ -76,6 +76,8 @@ def describe(kind: str, version: FmiVersion, interfaces: str, flags: dict[str, s
         else:
             name = "ContinuousStateDerivative" if group == "Derivative" else group
             unknowns += "".join(f'<{name} valueReference="{i}"/>' for i in members)
+    if not fmi2:  # FMPy counts these instead of asking the FMU
+        unknowns += "".join(f'<EventIndicator valueReference="{i}"/>' for i in (2, 6))
     token = 'guid="{model}" numberOfEventIndicators="2"' if fmi2 else 'instantiationToken="{model}"'
     body = f"{shown}<ModelVariables>{variables}</ModelVariables><ModelStructure>{unknowns}</ModelStructure>"
     return f'<?xml version="1.0"?><fmiModelDescription fmiVersion="{version}" modelName="{kind}" {token}>{body}</fmiModelDescription>'

@@ -87,11 +87,12 @@ def test_a_division_ends_when_the_tail_has_decayed() -> None:
 def response(told: Told) -> Array:
     """A damped oscillator of 3 rad/s at the logged times, exact for constants and lines."""
     A, B = np.array([[0.0, 1.0], [-9.0, -0.1]]), np.array([0.0, 9.0])
-    state, rows = np.zeros(2), [np.zeros(2)]
+    state: Array = np.zeros(2)
+    rows: list[Array] = [state]
     for h, level, slope in zip(np.diff(told.times), told.levels, told.slopes, strict=True):
         step = np.zeros((4, 4))
         step[:2, :2], step[:2, 2], step[2, 3] = A, B, 1.0
-        state = (expm(step * h) @ [*state, level, slope])[:2]
+        state = np.asarray(expm(step * h) @ [*state, level, slope], dtype=np.float64)[:2]
         rows.append(state)
     return np.array(rows)[told.logged]
 

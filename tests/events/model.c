@@ -155,7 +155,11 @@ static int set(Instance *c, const unsigned r[], size_t n, const double values[])
 EXPORT F(SetTime)(Instance *c, double t) { return c->m.v[TIME] = t, OK; }
 EXPORT F(GetContinuousStates)(Instance *c, double x[], size_t n) { return memcpy(x, c->m.v + X, n * sizeof *x), OK; }
 EXPORT F(SetContinuousStates)(Instance *c, const double x[], size_t n) { return memcpy(c->m.v + X, x, n * sizeof *x), OK; }
-EXPORT F(GetNominalsOfContinuousStates)(Instance *c, double x[], size_t n) { return (void)c, memset(x, 0, n * sizeof *x), OK; }
+EXPORT F(GetNominalsOfContinuousStates)(Instance *c, double x[], size_t n) {
+    for (size_t i = 0; i < n; i++)
+        x[i] = KIND != FUSSY; /* a nominal of 0 is forbidden, and exported by some tools */
+    return (void)c, OK;
+}
 
 static int derivatives(Instance *c, double dx[], size_t n) {
     const int status = slopes(&c->m);
