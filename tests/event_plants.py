@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 
 from fmus.archives import host_platform
-from fmus.build import FmiVersion, compiler
+from fmus.build import FmiVersion
+from fmus.compiling import compiler
 
 SOURCE = Path(__file__).parent / "events" / "model.c"
 KINDS = ("BALL", "RELAY", "CLOCK", "KICK", "FUSSY", "STIFF")
