@@ -196,10 +196,6 @@ PlantStatus get_derivatives(Instance *c, double values[], size_t count) {
     if (check_count(c, count) != PLANT_OK)
         return PLANT_ERROR;
     update(c);
-    for (int i = 0; i < PLANT_STATES; i++)
-        if (!isfinite(c->state.plant.value[PLANT_FIRST_DERIVATIVE + i]))
-            return report(c, PLANT_DISCARD, "%s is %g", PLANT_NAMES[PLANT_FIRST_DERIVATIVE + i],
-                          c->state.plant.value[PLANT_FIRST_DERIVATIVE + i]);
     memcpy(values, c->state.plant.value + PLANT_FIRST_DERIVATIVE, sizeof(double) * PLANT_STATES);
     return PLANT_OK;
 }
