@@ -145,9 +145,12 @@ class Child:
             if item is None:
                 return None
             message = item[0]
-            if "message" not in message:
+            if "restart" in message:
+                answer.messages.clear()
+            elif "message" in message:
+                answer.messages.append(tuple(message["message"]))
+            else:
                 return message
-            answer.messages.append(tuple(message["message"]))
 
     def _drain_messages(self, answer: Answer) -> None:
         while not self._inbox.empty():

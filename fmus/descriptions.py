@@ -48,6 +48,7 @@ class Variable:
     nominal: float = 1.0
     shape: tuple[int, ...] = ()
     derivative_of: str | None = None
+    intermediate: bool = False  # can be set within a step (FMI 3.0)
 
     @property
     def is_number(self) -> bool:
@@ -62,7 +63,11 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """What the FMU can do. The identifiers are the file names of its binaries, None where the interface is missing."""
+    """What the FMU can do. The identifiers are the file names of its binaries, None where the interface is missing.
+
+    Of co-simulation: `variable_step` … `restores_steps` (FMU states can be saved and restored) and `fixed_internal_step` [s]. Of model
+    exchange: `completed_steps` (it wants to know of each accepted integrator step) and, in FMI 2.0, the number of `event_indicators`.
+    """
 
     co_simulation: str | None = None
     model_exchange: str | None = None
@@ -72,6 +77,17 @@ class Capabilities:
     once_per_process: bool = False
     needs_execution_tool: bool = False
     fixed_internal_step: float | None = None
+    event_mode: bool = False
+    early_return: bool = False
+    intermediate_update: bool = False
+    restores_steps: bool = False
+    completed_steps: bool = True
+    event_indicators: int = 0
+
+    @property
+    def one_step(self) -> bool:
+        """Whether communication points lie on multiples of one step only."""
+        return self.co_simulation is not None and (not self.variable_step or self.fixed_internal_step is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +106,11 @@ class Description:
     log_categories: tuple[str, ...] = ()
     states: tuple[tuple[str, str], ...] = ()
     """Name of each continuous state and of its derivative, in the order of the FMU's state vector."""
+
+    @property
+    def grid_step(self) -> float | None:
+        """The step [s] that a co-simulation with one step size only is meant for; None if it does not say."""
+        return self.capabilities.fixed_internal_step or self.default_step
 
     @property
     def major(self) -> int:
@@ -163,7 +184,8 @@ def read_description(xml: bytes) -> Description:
     `DescriptionError` for a DOCTYPE (entities could read files or fill the memory), another FMI version, an FMU for
     scheduled execution only, or anything that the standard's schema refuses.
     """
-    interfaces = _interfaces(xml)
+    intermediate: set[str] = set()
+    interfaces = _interfaces(xml, intermediate)
     from fmus.instances import parse_description  # heavy: validation needs the XML schemas
 
     raw = parse_description(xml)
@@ -184,8 +206,14 @@ def read_description(xml: bytes) -> Description:
         once_per_process=bool(either.canBeInstantiatedOnlyOncePerProcess),
         needs_execution_tool=bool(either.needsExecutionTool),
         fixed_internal_step=fixed,
+        event_mode=bool(cs and cs.hasEventMode),
+        early_return=bool(cs and (cs.mightReturnEarlyFromDoStep or cs.hasEventMode)),
+        intermediate_update=bool(cs and cs.providesIntermediateUpdate),
+        restores_steps=bool(cs and cs.canGetAndSetFMUstate),
+        completed_steps=bool(me and me.needsCompletedIntegratorStep),
+        event_indicators=raw.numberOfEventIndicators or 0,
     )
-    variables = tuple(_variable(v) for v in raw.modelVariables)
+    variables = tuple(_variable(v, v.name in intermediate) for v in raw.modelVariables)
     experiment = raw.defaultExperiment
     return Description(
         fmi_version=raw.fmiVersion or "",
@@ -217,7 +245,7 @@ def _unit(raw: RawUnit) -> Unit:
     return Unit(raw.name or "", tuple(p for p in powers if p[1]), factor, offset)
 
 
-def _variable(raw: ModelVariable) -> Variable:
+def _variable(raw: ModelVariable, intermediate: bool) -> Variable:
     declared = raw.declaredType
     start: float | str | None = raw.start
     if raw.start in ("true", "false"):
@@ -238,6 +266,7 @@ def _variable(raw: ModelVariable) -> Variable:
         nominal=abs(nominal or 1.0),  # some tools export a nominal of 0, which must be read as 1
         shape=tuple(raw.shape or ()),
         derivative_of=raw.derivative.name if raw.derivative is not None else None,
+        intermediate=intermediate,
     )
 
 
@@ -251,8 +280,11 @@ def _number(text: str | float | None) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _interfaces(xml: bytes) -> dict[str, dict[str, str]]:
-    """The attributes of the root's direct children, after refusing what must not reach a full XML parser."""
+def _interfaces(xml: bytes, intermediate: set[str]) -> dict[str, dict[str, str]]:
+    """The attributes of the root's direct children, after refusing what must not reach a full XML parser.
+
+    `intermediate` receives the variables that can be set within a step, an attribute that the parser does not know.
+    """
     found: dict[str, dict[str, str]] = {}
     depth = 0
 
@@ -265,6 +297,8 @@ def _interfaces(xml: bytes) -> dict[str, dict[str, str]]:
             _check_root(name, attributes)
         elif depth == 1:
             found[name] = attributes
+        elif depth == 2 and attributes.get("intermediateUpdate") in ("true", "1"):
+            intermediate.add(attributes.get("name", ""))
         depth += 1
 
     def end(_: str) -> None:

@@ -80,7 +80,7 @@ def model_description_2(plant: PlantFile, token: str, sources: tuple[str, ...]) 
         flags = {"canNotUseMemoryManagementFunctions": "true", "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true"}
         flags["providesDirectionalDerivative"] = _flag(plant.tangent)
         if interface == "ModelExchange":
-            flags["completedIntegratorStepNotNeeded"] = "true"
+            flags["completedIntegratorStepNotNeeded"] = _flag(not plant.step_hook)
         else:
             flags["canHandleVariableCommunicationStepSize"] = _flag(plant.variable_step)
             flags["canInterpolateInputs"] = _flag(bool(plant.of_kind("input")))
@@ -109,7 +109,10 @@ def model_description_3(plant: PlantFile, token: str) -> bytes:
     for interface in plant.interfaces:
         flags = {"canGetAndSetFMUState": "true", "canSerializeFMUState": "true"}
         flags["providesDirectionalDerivatives"] = flags["providesAdjointDerivatives"] = _flag(plant.tangent)
-        if interface == "CoSimulation":
+        if interface == "ModelExchange":
+            flags["needsCompletedIntegratorStep"] = _flag(plant.step_hook)
+        else:
+            flags["providesIntermediateUpdate"] = _flag(plant.asks)
             flags["canHandleVariableCommunicationStepSize"] = _flag(plant.variable_step)
             if not plant.variable_step:
                 flags["fixedInternalStepSize"] = repr(plant.step)
@@ -119,8 +122,10 @@ def model_description_3(plant: PlantFile, token: str) -> bytes:
     _common(root, plant)
     variables = SubElement(root, "ModelVariables")
     for v in plant.variables:
-        derivative = {} if v.state is None else {"derivative": str(v.state)}
-        SubElement(variables, "Boolean" if v.boolean else "Float64", {**_attributes(v), **_numbers(v), **derivative})
+        more = {} if v.state is None else {"derivative": str(v.state)}
+        if v.kind == "input" and plant.asks:
+            more["intermediateUpdate"] = "true"
+        SubElement(variables, "Boolean" if v.boolean else "Float64", {**_attributes(v), **_numbers(v), **more})
     structure = SubElement(root, "ModelStructure")
     for group, members in _structure(plant):
         element = "ContinuousStateDerivative" if group == "Derivative" else group

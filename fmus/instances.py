@@ -10,6 +10,7 @@ standard library until a function needs more.
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import sys
 from abc import ABC, abstractmethod
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from fmus.errors import CallFailed, DescriptionError, FmuError
+from fmus.events import Discrete, Interruption, Steps
 
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription, ModelVariable
@@ -54,6 +56,9 @@ def parse_description(xml: bytes) -> ModelDescription:
         raise DescriptionError(f"modelDescription.xml cannot be used: {type(problem).__name__}: {problem}") from None
 
 
+MOST_ITERATIONS = 100  # of one event
+
+
 class Instance(ABC):
     """One instance of an FMU: created, initialised, stepped or evaluated, freed.
 
@@ -76,20 +81,28 @@ class Instance(ABC):
         self._functions: dict[str, Callable[..., int]] = {}
 
     @abstractmethod
-    def instantiate(self, interface: str) -> None:
-        """Create the instance: `interface` is "co_simulation" or "model_exchange"."""
+    def instantiate(self, interface: str, steps: Steps | None = None) -> None:
+        """Create the instance: `interface` is "co_simulation" or "model_exchange"; `steps` of co-simulation belong to FMI 3.0."""
 
     @abstractmethod
     def enter_initialization(self, stop: float | None, tolerance: float | None) -> None:
         """Begin initialisation for a run from 0 to `stop` [s]."""
 
     @abstractmethod
-    def stepper(self) -> Callable[[float, float], bool]:
-        """A function (t, h) that steps from t to t + h [s] and returns whether the FMU asks to terminate the run."""
+    def stepper(self) -> Callable[[float, float], Interruption | None]:
+        """A function (t, h) that steps from t to t + h [s]; None if that was all."""
 
     @abstractmethod
-    def start_continuous_time(self) -> None:
-        """Model Exchange after initialisation: settle events, enter continuous time."""
+    def update_discrete(self) -> Discrete:
+        """One iteration of an event."""
+
+    @abstractmethod
+    def complete_step(self) -> tuple[bool, bool]:
+        """Model Exchange: an integrator step is accepted; whether the FMU wants event mode, and whether it wants to end the run."""
+
+    @abstractmethod
+    def sizes(self, states: int, indicators: int) -> tuple[int, int]:
+        """Numbers of continuous states and event indicators; the arguments are the description's."""
 
     @abstractmethod
     def derivative(self, unknowns: Sequence[int], known: int) -> list[float]:
@@ -183,6 +196,32 @@ class Instance(ABC):
 
         return copied
 
+    def settle(self) -> Discrete:
+        """Iterate an event until nothing changes any more; what changed on the way is kept."""
+        total = Discrete()
+        for _ in range(MOST_ITERATIONS):
+            now = self.update_discrete()
+            total.nominals_changed |= now.nominals_changed
+            total.states_changed |= now.states_changed
+            total.terminate, total.next_event = now.terminate, now.next_event
+            if now.terminate or not now.again:
+                return total
+        raise FmuError(f"the FMU's events do not settle after {MOST_ITERATIONS} iterations")
+
+    def enter_event_mode(self) -> None:
+        """From continuous time, or from a step of co-simulation, to event mode."""
+        self.call("EnterEventMode")
+
+    def enter_continuous_time(self) -> None:
+        """From event mode to continuous time."""
+        self.call("EnterContinuousTimeMode")
+
+    def start_continuous_time(self) -> None:
+        """Model Exchange after initialisation: settle events, enter continuous time."""
+        if self.settle().terminate:
+            raise FmuError("the FMU asks to terminate at its first event")
+        self.enter_continuous_time()
+
     def states(self, count: int) -> list[float]:
         """The continuous state vector (Model Exchange)."""
         return self._vector("GetContinuousStates", count)
@@ -193,7 +232,11 @@ class Instance(ABC):
 
     def rates(self, count: int) -> list[float]:
         """The time derivatives of the continuous states (Model Exchange)."""
-        return self._vector("GetDerivatives" if self.prefix == "fmi2" else "GetContinuousStateDerivatives", count)
+        return self._vector(self.derivatives_function, count)
+
+    def nominals(self, count: int) -> list[float]:
+        """The sizes of the continuous states (Model Exchange); 0, which some tools export, is read as 1."""
+        return [abs(size) if math.isfinite(size) and size else 1.0 for size in self._vector("GetNominalsOfContinuousStates", count)]
 
     def get(self, variables: Sequence[Typed]) -> list[float]:
         """The values of a few variables."""
@@ -233,6 +276,11 @@ class Instance(ABC):
         text = (message or b"").decode("utf-8", "replace").rstrip("\n")
         self._last_message = text[:500]
         self.log(STATUS[status].lower() if 0 <= status < len(STATUS) else "unknown", text)
+
+    @property
+    def derivatives_function(self) -> str:
+        """The name of the function that gives the derivatives of the continuous states."""
+        return "GetDerivatives" if self.prefix == "fmi2" else "GetContinuousStateDerivatives"
 
     def _signature(self, name: str) -> str:
         if name in self.signatures:

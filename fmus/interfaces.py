@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 from collections.abc import Callable, Sequence
-from ctypes import byref, c_bool, c_char_p, c_double, c_int, c_uint, c_void_p
+from ctypes import byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
 from typing import ClassVar
 
 from fmus.errors import FmuError
+from fmus.events import Discrete, Interruption, Steps
 from fmus.instances import Instance, Number, format_messages
 
 
@@ -26,6 +28,8 @@ class _EventInfo2(ctypes.Structure):
 class Instance2(Instance):
     """FMI 2.0."""
 
+    _copy: c_void_p | None = None
+
     prefix = "fmi2"
     signatures: ClassVar[dict[str, str]] = {
         "Instantiate": "sissvii",
@@ -38,8 +42,17 @@ class Instance2(Instance):
         "Reset": "v",
         "DoStep": "vddi",
         "GetBooleanStatus": "viv",
+        "GetRealStatus": "viv",
+        "GetFMUstate": "vv",
+        "SetFMUstate": "vv",
+        "FreeFMUstate": "vv",
         "SetRealInputDerivatives": "vrzvv",
         "NewDiscreteStates": "vv",
+        "EnterEventMode": "v",
+        "SetTime": "vd",
+        "GetEventIndicators": "vvz",
+        "GetNominalsOfContinuousStates": "vvz",
+        "CompletedIntegratorStep": "vivv",
         "EnterContinuousTimeMode": "v",
         "GetContinuousStates": "vvz",
         "SetContinuousStates": "vvz",
@@ -53,7 +66,7 @@ class Instance2(Instance):
         "Boolean": ("Boolean", c_int),
     }
 
-    def instantiate(self, interface: str) -> None:
+    def instantiate(self, interface: str, steps: Steps | None = None) -> None:
         logger = ctypes.CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p)(
             lambda _environment, _name, status, _category, message: self.received(status, message)
         )
@@ -71,18 +84,28 @@ class Instance2(Instance):
         self.call("SetupExperiment", tolerance is not None, tolerance or 0.0, 0.0, stop is not None, stop or 0.0)
         self.call("EnterInitializationMode")
 
-    def stepper(self) -> Callable[[float, float], bool]:
+    def stepper(self) -> Callable[[float, float], Interruption | None]:
         function, handle = self.function("DoStep"), self._handle
 
-        def step(t: float, h: float) -> bool:
+        def step(t: float, h: float) -> Interruption | None:
             status = function(handle, t, h, 1)
+            if status == 2:
+                return Interruption(min(max(self._reached(t), t), t + h), terminate=self._terminated(), discarded=True)
             if status:
-                if status == 2 and self._terminated():
-                    return True
                 self.judge("fmi2DoStep", status)
-            return False
+            return None
 
         return step
+
+    def keeper(self) -> tuple[Callable[[], None], Callable[[], None]]:
+        """Two functions: keep the FMU's state as it is now, and go back to it. The copy is freed with the instance."""
+        copy = self._copy = c_void_p(None)
+        return lambda: self.call("GetFMUstate", byref(copy)), lambda: self.call("SetFMUstate", copy)
+
+    def free(self) -> None:
+        if self._handle is not None and self._copy:
+            self.function("FreeFMUstate")(self._handle, byref(self._copy))
+        super().free()
 
     def ramp(self, reference: int) -> Callable[[float], None]:
         """A function that sets the first time derivative of an input (for FMUs that interpolate inputs)."""
@@ -94,23 +117,29 @@ class Instance2(Instance):
 
         return assign
 
-    def start_continuous_time(self) -> None:
-        for _ in range(100):
-            info = _EventInfo2()
-            self.call("NewDiscreteStates", byref(info))
-            if info.terminate:
-                raise FmuError("the FMU asks to terminate at its first event")
-            if not info.again:
-                break
-        else:
-            raise FmuError("the FMU's events do not settle after 100 iterations")
-        self.call("EnterContinuousTimeMode")
+    def update_discrete(self) -> Discrete:
+        i = _EventInfo2()
+        self.call("NewDiscreteStates", byref(i))
+        next_event = i.next if i.next_defined else math.inf
+        return Discrete(bool(i.again), bool(i.terminate), bool(i.nominals_changed), bool(i.states_changed), next_event)
+
+    def complete_step(self) -> tuple[bool, bool]:
+        event, terminate = c_int(0), c_int(0)
+        self.call("CompletedIntegratorStep", 1, byref(event), byref(terminate))
+        return bool(event.value), bool(terminate.value)
+
+    def sizes(self, states: int, indicators: int) -> tuple[int, int]:
+        return states, indicators
 
     def derivative(self, unknowns: Sequence[int], known: int) -> list[float]:
         n = len(unknowns)
         seed, result = (c_double * 1)(1.0), (c_double * n)()
         self.call("GetDirectionalDerivative", (c_uint * n)(*unknowns), n, (c_uint * 1)(known), 1, seed, result)
         return list(result)
+
+    def _reached(self, otherwise: float) -> float:
+        value = c_double(otherwise)
+        return value.value if self.function("GetRealStatus")(self._handle, 2, byref(value)) == 0 else otherwise
 
     def _terminated(self) -> bool:
         value = c_int(0)
@@ -124,6 +153,10 @@ class Instance2(Instance):
 class Instance3(Instance):
     """FMI 3.0."""
 
+    early_return: bool = False
+    failure: FmuError | None = None
+    """What went wrong in a callback of the FMU."""
+
     prefix = "fmi3"
     signatures: ClassVar[dict[str, str]] = {
         "InstantiateCoSimulation": "sssbbbbrzvvv",
@@ -136,6 +169,14 @@ class Instance3(Instance):
         "Reset": "v",
         "DoStep": "vddbvvvv",
         "UpdateDiscreteStates": "vvvvvvv",
+        "EnterEventMode": "v",
+        "SetTime": "vd",
+        "GetEventIndicators": "vvz",
+        "GetNominalsOfContinuousStates": "vvz",
+        "CompletedIntegratorStep": "vbvv",
+        "EnterStepMode": "v",
+        "GetNumberOfContinuousStates": "vv",
+        "GetNumberOfEventIndicators": "vv",
         "EnterContinuousTimeMode": "v",
         "GetContinuousStates": "vvz",
         "SetContinuousStates": "vvz",
@@ -151,7 +192,7 @@ class Instance3(Instance):
         **{f"UInt{n}": (f"UInt{n}", getattr(ctypes, f"c_uint{n}")) for n in (8, 16, 32, 64)},
     }
 
-    def instantiate(self, interface: str) -> None:
+    def instantiate(self, interface: str, steps: Steps | None = None) -> None:
         self._logger = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)(
             lambda _environment, status, _category, message: self.received(status, message)
         )
@@ -161,41 +202,77 @@ class Instance3(Instance):
         common = (self.name, self.token, folder, False, False)
         if interface == "co_simulation":
             function = self.function("InstantiateCoSimulation", restype=c_void_p)
-            self._created(function(*common, False, False, None, 0, None, logger, None))
+            wanted = steps or Steps()
+            self.early_return = wanted.early_return
+            required, update = (c_uint * max(len(wanted.required), 1))(*wanted.required), self._intermediate_update(wanted)
+            flags = wanted.event_mode, wanted.early_return
+            self._created(function(*common, *flags, required, len(wanted.required), None, logger, update))
         else:
             function = self.function("InstantiateModelExchange", restype=c_void_p)
             self._created(function(*common, None, logger))
 
+    def _intermediate_update(self, steps: Steps) -> c_void_p | None:
+        """The callback of a step; an exception in it is kept until the step returns."""
+        if steps.supply is None:
+            return None
+        supply = steps.supply
+
+        def update(_: int, time: float, wanted: bool, _get: bool, _done: bool, _can: bool, request: int, _when: int) -> None:
+            ctypes.cast(request, ctypes.POINTER(c_bool))[0] = False
+            if wanted and self.failure is None:
+                try:
+                    supply(time)
+                except FmuError as problem:
+                    self.failure = problem
+
+        self._update = ctypes.CFUNCTYPE(None, c_void_p, c_double, *[c_bool] * 4, c_void_p, c_void_p)(update)
+        return ctypes.cast(self._update, c_void_p)
+
     def enter_initialization(self, stop: float | None, tolerance: float | None) -> None:
         self.call("EnterInitializationMode", tolerance is not None, tolerance or 0.0, 0.0, stop is not None, stop or 0.0)
 
-    def stepper(self) -> Callable[[float, float], bool]:
+    def stepper(self) -> Callable[[float, float], Interruption | None]:
         function, handle = self.function("DoStep"), self._handle
         event, terminate, early, reached = c_bool(False), c_bool(False), c_bool(False), c_double(0.0)
         flags = tuple(byref(flag) for flag in (event, terminate, early, reached))
 
-        def step(t: float, h: float) -> bool:
+        def step(t: float, h: float) -> Interruption | None:
             status = function(handle, t, h, True, *flags)
+            if self.failure is not None:
+                failure, self.failure = self.failure, None
+                raise failure
+            if status == 2:  # the FMU is where it was, and says nothing else
+                return Interruption(t, discarded=True)
             if status:
                 self.judge("fmi3DoStep", status)
-            if early.value and not terminate.value:
+            if not (event.value or terminate.value or early.value):
+                return None
+            if early.value and not self.early_return and not terminate.value:
                 raise FmuError(f"fmi3DoStep returned early at {reached.value!r} s, which it was not allowed to")
-            return terminate.value
+            return Interruption(min(max(reached.value, t), t + h) if early.value else t + h, event.value, terminate.value)
 
         return step
 
-    def start_continuous_time(self) -> None:
+    def enter_step_mode(self) -> None:
+        """From event mode to steps."""
+        self.call("EnterStepMode")
+
+    def update_discrete(self) -> Discrete:
         flags, when = [c_bool(False) for _ in range(5)], c_double(0.0)
-        again, terminate = flags[:2]
-        for _ in range(100):
-            self.call("UpdateDiscreteStates", *(byref(flag) for flag in flags), byref(when))
-            if terminate.value:
-                raise FmuError("the FMU asks to terminate at its first event")
-            if not again.value:
-                break
-        else:
-            raise FmuError("the FMU's events do not settle after 100 iterations")
-        self.call("EnterContinuousTimeMode")
+        self.call("UpdateDiscreteStates", *(byref(flag) for flag in flags), byref(when))
+        again, terminate, nominals, states, defined = (flag.value for flag in flags)
+        return Discrete(again, terminate, nominals, states, when.value if defined else math.inf)
+
+    def complete_step(self) -> tuple[bool, bool]:
+        event, terminate = c_bool(False), c_bool(False)
+        self.call("CompletedIntegratorStep", True, byref(event), byref(terminate))
+        return event.value, terminate.value
+
+    def sizes(self, states: int, indicators: int) -> tuple[int, int]:
+        found = c_size_t(states), c_size_t(indicators)  # configuration and array sizes decide, not the description
+        self.call("GetNumberOfContinuousStates", byref(found[0]))
+        self.call("GetNumberOfEventIndicators", byref(found[1]))
+        return found[0].value, found[1].value
 
     def derivative(self, unknowns: Sequence[int], known: int) -> list[float]:
         n = len(unknowns)

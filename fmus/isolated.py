@@ -1,7 +1,8 @@
 """The child process beside an FMU's machine code: reads requests, drives the FMU, writes replies.
 
-Only the standard library is imported here, so that a new child is ready in some 30 ms. Whatever the FMU does to this
-process, the parent (`fmus.workers`) survives: rows go to a file that both map into memory, messages are sent as they come.
+Only the standard library is imported here, so that a new child is ready in some 30 ms; what needs more imports it when it is used.
+Whatever the FMU does to this process, the parent (`fmus.workers`) survives: rows go to a file that both map into memory, messages are
+sent as they come.
 
 Frames, both ways: two big-endian 32-bit lengths, then JSON, then raw bytes. Requests are "run" and "linearize".
 """
@@ -10,7 +11,6 @@ from __future__ import annotations
 
 import ctypes
 import json
-import mmap
 import os
 import queue
 import shutil
@@ -18,18 +18,11 @@ import struct
 import sys
 import threading
 from array import array
-from collections.abc import Callable
-from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
+from fmus import cosimulation
 from fmus.errors import CallFailed, FmuError
-from fmus.instances import Instance, Log
-from fmus.interfaces import Instance2, Instance3
-
-MAX_MESSAGES = 1000
-MAX_TEXT = 2000
-
-Request = dict[str, Any]
+from fmus.sessions import Messages, Request, create, prepare
 
 
 def read_frame(stream: IO[bytes]) -> tuple[Request, bytes] | None:
@@ -48,112 +41,13 @@ def frame(message: Request, raw: bytes = b"") -> bytes:
     return struct.pack(">II", len(text), len(raw)) + text + raw
 
 
-class Progress:
-    """Rows of float64 in a file that the parent created: int64 count of complete rows, then the rows."""
-
-    def __init__(self, path: str) -> None:
-        """Map the file."""
-        with open(path, "r+b") as file:
-            self._map = mmap.mmap(file.fileno(), 0)
-        self.count = ctypes.c_int64.from_buffer(self._map)
-        self.address = ctypes.addressof(self.count) + 8
-
-
-class Messages:
-    """Sends the FMU's log messages on as they come, at most `MAX_MESSAGES` a run."""
-
-    def __init__(self, send: Callable[[Request], None]) -> None:
-        """`send` takes one frame's message."""
-        self._send = send
-        self.number = 0
-        self.count: ctypes.c_int64 | None = None
-        self.times: array[float] = array("d")
-
-    def begin(self, times: array[float], count: ctypes.c_int64 | None) -> None:
-        """Start a run: a message's time is that of the last complete row."""
-        self.number, self.times, self.count = 0, times, count
-
-    def __call__(self, level: str, text: str) -> None:
-        """Pass one message on."""
-        self.number += 1
-        if self.number > MAX_MESSAGES + 1:
-            return
-        row = max(self.count.value - 1, 0) if self.count is not None else 0
-        time = self.times[row] if row < len(self.times) else 0.0
-        if self.number == MAX_MESSAGES + 1:
-            level, text = "warning", f"the FMU sent more than {MAX_MESSAGES} messages; the rest is dropped"
-        cut = text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + " …"
-        self._send({"message": [time, level, cut]})
-
-
-def create(request: Request, interface: str, log: Log) -> Instance:
-    """A fresh instance; its binary stays loaded from run to run.
-
-    It costs a tenth of a millisecond and carries nothing over from the run before, which a reset only promises.
-    """
-    kind = Instance2 if request["fmi"] == 2 else Instance3
-    instance = kind(Path(request["library"]), request["token"], request["name"], Path(request["resources"]), log)
-    instance.instantiate(interface)
-    instance.log_trouble(request["log_categories"])
-    return instance
-
-
-def prepare(instance: Instance, request: Request) -> None:
-    """Set parameters and start values, initialise with the input at rest."""
-    for kind, reference, value in request["start"]:
-        instance.set((kind, reference), value)
-    instance.enter_initialization(request["stop"], request["tolerance"])
-    kind, reference = request["input"]
-    instance.set((kind, reference), request["initial_input"])
-    instance.exit_initialization()
-
-
 def run(request: Request, raw: bytes, messages: Messages) -> Request:
-    """Step through the request's grid; returns the reply."""
-    n = request["points"]
-    columns = [array("d", raw[8 * i : 8 * j]) for i, j in _spans(n, request["ramps"])]
-    times, sizes, levels = columns[:3]
-    progress = Progress(request["progress"])
-    count = progress.count
-    messages.begin(times, count)
-    try:
-        instance = create(request, "co_simulation", messages)
-        prepare(instance, request)
-        kind, reference = request["input"]
-        assign, step = instance.setter(kind, reference), instance.stepper()
-        read = instance.reader([tuple(o) for o in request["outputs"]], progress.address)
-        tilt = instance.ramp(reference) if request["ramps"] and isinstance(instance, Instance2) else None
-        slopes = columns[3] if tilt else None
-        read(0)
-        count.value = 1
-        applied, sloped = None, 0.0
-        for i in range(n - 1):
-            level = levels[i]
-            if level != applied:
-                assign(level)
-                applied = level
-            if tilt is not None and slopes is not None and (slopes[i] != 0.0 or sloped != 0.0):
-                sloped = slopes[i]
-                assign(level)
-                tilt(sloped)
-            terminate = step(times[i], sizes[i])
-            if terminate:
-                return {"status": "TERMINATED", "detail": f"during the step from {times[i]:.9g} s"}
-            read(i + 1)
-            count.value = i + 2
-        instance.terminate()
-        warning = instance.warning
-        instance.free()
-    except CallFailed as problem:
-        status = problem.status.upper() if problem.status in ("Discard", "Error", "Fatal") else "FAILED"
-        done = count.value
-        return {"status": status, "detail": f"{problem} ({f'after {times[done - 1]:.9g} s' if done else 'before the first point'})"}
-    return {"status": "WARNING", "detail": warning} if warning else {"status": "FINISHED", "detail": ""}
+    """One run, by the interface that was asked for; returns the reply."""
+    if request["interface"] == "co_simulation":
+        return cosimulation.run(request, raw, messages)
+    from fmus import exchange  # brings the integrator along, which takes longer to load than many a run
 
-
-def _spans(n: int, ramps: bool) -> list[tuple[int, int]]:
-    """Where the columns lie in the raw part: times (n), sizes, levels and, with ramps, slopes (n - 1 each)."""
-    return [(0, n), *((n + i * (n - 1), n + (i + 1) * (n - 1)) for i in range(3 if ramps else 2))]
+    return exchange.run(request, raw, messages)
 
 
 def linearize(request: Request, messages: Messages) -> Request:

@@ -96,6 +96,11 @@ class PlantFile:
     source: str = ""
     size: Size | None = None
 
+    @property
+    def asks(self) -> bool:
+        """Whether its inputs can be set within a step (FMI 3.0): what remembers its inputs takes them at communication points."""
+        return bool(self.of_kind("input")) and not self.memory
+
     def of_kind(self, kind: Kind) -> tuple[PlantVariable, ...]:
         """The variables of one kind, in order."""
         return tuple(v for v in self.variables if v.kind == kind)

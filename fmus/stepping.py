@@ -1,17 +1,17 @@
 """What a co-simulation is asked and what it answers, and the grid of communication points that makes it exact.
 
-The grid is the union of the regular points n·h and all the command's breakpoints, so that the input never changes inside
-a step. On each interval the input is constant, the value after a jump at its left end; a sloping or decaying input is a
-line where the FMU interpolates its inputs, and elsewhere the constant that the command has in the interval's middle.
+The grid is the union of the regular points n·h and all the command's breakpoints, so that the input never jumps inside a step
+(`fmus.inputs` says how it is told in between). An FMU that takes steps of one size only gets a grid of that size, or none.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,14 @@ from relaxations.commands import Command
 MERGE = 1e-9
 """Points closer than this part of the step are one point: no FMU resolves it, and a step of rounding noise may be refused."""
 
+TOLERANCE = 1e-10
+"""Relative tolerance of the integrator of model exchange: an undamped mode is then off by some 1e-9 of its amplitude a period."""
+
+TIGHTER = 10.0
+"""By how much a refined run of model exchange tightens that tolerance."""
+
 Array = NDArray[np.float64]
+Interface = Literal["co-simulation", "model-exchange"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +38,7 @@ class Experiment:
 
     `outputs` names the FMU's variables to log (outputs, states …). `parameters` and `initial_state` are set before
     initialisation, each in the variable's own unit; `initial_input` is the input at rest, before the command starts.
+    `interface` None is co-simulation where the FMU offers it, else model exchange, which has a `tolerance` (relative).
     """
 
     fmu: Path
@@ -42,6 +50,12 @@ class Experiment:
     command: Command
     stop: float
     step: float
+    interface: Interface | None = None
+    tolerance: float = TOLERANCE
+
+    def refined(self) -> Experiment:
+        """The run whose distance from this one measures its numerical error: half the communication step, and a tighter tolerance."""
+        return replace(self, step=self.step / 2.0, tolerance=self.tolerance / TIGHTER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +97,7 @@ class RunStatus(Enum):
     CRASHED = "the FMU crashed its process"
     EXITED = "the FMU ended its process"
     HUNG = "the FMU did not answer in time"
+    STUCK = "the integrator could not go on"
     TERMINATED = "the FMU asked to end the run early"
     FAILED = "the run could not be carried out"
 
@@ -126,24 +141,6 @@ def grid(start: float, stop: float, step: float, breakpoints: Iterable[float] = 
     return np.sort(np.concatenate([kept, regular[(distance > near) & (regular < stop)]], dtype=np.float64))
 
 
-def held(command: Command, times: Array, rest: float) -> Array:
-    """The constant input of each interval: the command in its middle (exact for constant segments)."""
-    return command((times[:-1] + times[1:]) / 2.0, rest)
-
-
-def ramps(command: Command, times: Array, rest: float) -> tuple[Array, Array]:
-    """Value at the left end (after a jump) and slope of the input on each interval; a tail's is the line between its ends."""
-    left, right = times[:-1], times[1:]
-    middle = (left + right) / 2.0
-    table = np.array([(0.0, rest, 0.0), *((s.start, s.level, s.slope) for s in command.segments)])
-    starts = np.array([s.start for s in command.segments])
-    start, level, slope = table[np.searchsorted(starts, middle, side="right")].T
-    value = level + slope * (left - start)
-    tail_left, tail_right = (command.tail(np.maximum(t - command.end, 0.0)) for t in (left, right))
-    in_tail = middle >= command.end
-    return np.where(in_tail, tail_left, value), np.where(in_tail, (tail_right - tail_left) / (right - left), slope)
-
-
 def step_sizes(times: Array) -> Array:
     """The size of each step [s], the last one never beyond the stop time by rounding."""
     sizes = np.diff(times)
@@ -152,6 +149,22 @@ def step_sizes(times: Array) -> Array:
     return sizes
 
 
-def uniform(times: Array, step: float) -> bool:
-    """Whether all steps are the regular one."""
-    return bool(np.all(np.abs(np.diff(times) - step) <= MERGE * step))
+def multiples(stop: float, step: float, breakpoints: Iterable[float] = ()) -> Array:
+    """Communication points n·step [s] from 0 to the first one that is not before `stop`, for an FMU that takes no other steps.
+
+    Raises `FmuError` naming the first breakpoint before the stop that is none of them.
+    """
+    require_multiples((point for point in breakpoints if point < stop), step)
+    return np.arange(samples(stop, step) + 1, dtype=np.float64) * step
+
+
+def require_multiples(breakpoints: Iterable[float], step: float) -> None:
+    """Raise `FmuError` naming the first breakpoint [s] that is no multiple of the step, up to rounding."""
+    for point in sorted(breakpoints):
+        if abs(point - round(point / step) * step) > MERGE * step:
+            raise FmuError(f"the input changes at {point!r} s, which is no multiple of the step {step!r} s")
+
+
+def samples(stop: float, step: float) -> int:
+    """The least number of steps [s] that reach the stop time, up to rounding."""
+    return max(math.ceil(stop / step - MERGE), 1)

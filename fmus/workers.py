@@ -21,7 +21,8 @@ from fmus.archives import Fmu, open_archive
 from fmus.children import Answer, Child
 from fmus.descriptions import Variable
 from fmus.errors import FmuError, LinearizationError
-from fmus.stepping import Array, Experiment, LogLine, Outcome, RunStatus, Trajectory, grid, held, ramps, step_sizes, uniform
+from fmus.plans import Misfit, Plan, plan
+from fmus.stepping import Experiment, LogLine, Outcome, RunStatus, Trajectory
 
 RECYCLE = 500  # runs after which a child is replaced, so that what an FMU leaks stays bounded; costs 0.1 ms a run
 
@@ -39,39 +40,31 @@ class Worker:
         self._opened: dict[Path, tuple[tuple[int, int], Fmu]] = {}
 
     def run(self, experiment: Experiment, timeout: float) -> Outcome:
-        """Co-simulate; `timeout` [s] of wall-clock time covers loading, initialisation and all steps.
+        """Simulate; `timeout` [s] of wall-clock time covers loading, initialisation and all steps.
 
         Raises `FmuError` for bad input: no such FMU, variable or binary, a number that is not finite.
         """
         began = time.perf_counter()
-        fmu = self._open(experiment.fmu)
+        e, fmu = experiment, self._open(experiment.fmu)
         capabilities = fmu.description.capabilities
-        request, times = _run_request(fmu, experiment)
-        if not capabilities.variable_step and not uniform(times, experiment.step):
-            detail = (
-                f"{fmu.path.name} takes communication steps of one size only, but the command's jumps and the stop time "
-                f"{experiment.stop:g} s do not all lie on multiples of the step {experiment.step:g} s"
-            )
-            return Outcome(RunStatus.FAILED, detail, None, time.perf_counter() - began)
-        sizes = step_sizes(times) if capabilities.variable_step else np.full(len(times) - 1, experiment.step)
-        columns = [times, sizes]
-        if request["ramps"]:
-            columns += ramps(experiment.command, times, experiment.initial_input)
-        else:
-            columns.append(held(experiment.command, times, experiment.initial_input))
-        applied = np.append(columns[2], experiment.command(times[-1], experiment.initial_input))
+        try:
+            planned = plan(fmu.description, e)
+        except Misfit as problem:
+            return Outcome(RunStatus.FAILED, f"{fmu.path.name}: {problem}", None, time.perf_counter() - began)
+        request = _request(fmu, "run", planned.interface, e.input, e.outputs, e.parameters, e.initial_state, e.initial_input)
+        request |= planned.request
         with self._ready(fmu) as child:
             progress = child.folder / f"progress-{child.runs}"
             width = len(experiment.outputs)
             with progress.open("wb") as file:
-                file.truncate(8 + 8 * len(times) * width)
+                file.truncate(8 + 8 * len(planned.times) * width)
             request["progress"] = str(progress)
-            raw = b"".join(np.ascontiguousarray(c, dtype=float).tobytes() for c in columns)
+            raw = b"".join(np.ascontiguousarray(c, dtype=float).tobytes() for c in planned.columns)
             answer = child.ask(request, raw, timeout)
             # A child that has lost its parent's pipe removes the folder itself: no file means no rows.
             content = progress.read_bytes() if progress.exists() else bytes(8)
             progress.unlink(missing_ok=True)
-            outcome = _outcome(answer, content, times, applied, experiment.outputs, time.perf_counter() - began)
+            outcome = _outcome(answer, content, planned, e.outputs, time.perf_counter() - began)
             if not outcome.status.complete:
                 child.stop()
         if outcome.status is RunStatus.FAILED and capabilities.needs_execution_tool:
@@ -154,10 +147,10 @@ def simulate(experiment: Experiment, timeout: float = 60.0) -> Outcome:
         return worker.run(experiment, timeout)
 
 
-def _outcome(answer: Answer, content: bytes, times: Array, applied: Array, outputs: tuple[str, ...], seconds: float) -> Outcome:
-    count, width = int.from_bytes(content[:8], sys.byteorder, signed=True), len(outputs)
-    count = min(max(count, 0), len(times))  # a wild FMU may have written over it
-    values = np.frombuffer(content, dtype=float, offset=8)[: count * width].reshape(count, width).copy()
+def _outcome(answer: Answer, content: bytes, planned: Plan, outputs: tuple[str, ...], seconds: float) -> Outcome:
+    times, width = planned.times, len(outputs)
+    count = min(max(int.from_bytes(content[:8], sys.byteorder, signed=True), 0), len(times))  # a wild FMU may have written over it
+    values = np.frombuffer(content, dtype=float, offset=8)[: count * width].reshape(count, width)
     status, detail = answer.status, answer.detail
     if status in (RunStatus.HUNG, RunStatus.CRASHED, RunStatus.EXITED):
         detail += f", after {times[count - 1]:.9g} s" if count else ", before the first point"
@@ -168,17 +161,9 @@ def _outcome(answer: Answer, content: bytes, times: Array, applied: Array, outpu
     messages = [LogLine(*m) for m in answer.messages]
     last = float(times[max(count - 1, 0)])
     messages += [LogLine(last, "output", line) for line in answer.printed.splitlines() if line.strip()]
-    kept = tuple(messages)
-    trajectory = Trajectory(times[:count].copy(), applied[:count].copy(), values[:count].copy(), kept) if count else None
+    kept, rows = tuple(messages), planned.logged[planned.logged < count]
+    trajectory = Trajectory(times[rows], planned.applied[rows], values[rows], kept) if count else None
     return Outcome(status, detail, trajectory, seconds, kept)
-
-
-def _run_request(fmu: Fmu, experiment: Experiment) -> tuple[dict[str, Any], Array]:
-    e = experiment
-    times = grid(0.0, e.stop, e.step, e.command.breakpoints)
-    request = _request(fmu, "run", "co_simulation", e.input, e.outputs, e.parameters, e.initial_state, e.initial_input)
-    ramped = fmu.description.major == 2 and fmu.description.capabilities.interpolates_inputs
-    return request | {"stop": e.stop, "points": len(times), "ramps": ramped}, times
 
 
 def _request(

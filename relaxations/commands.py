@@ -6,6 +6,7 @@ followed by a tail. Before the first segment the input rests at its initial valu
 
 from __future__ import annotations
 
+import cmath
 import itertools
 import json
 import math
@@ -54,6 +55,33 @@ class Tail:
         for term in self.terms:
             total = total + (term.coefficient * r**term.power * np.exp(term.rate * r)).real
         return total
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """The input from `start` [s] on, until the next piece: `level + slope r + Σ Re(c r^power e^{rate r})` with r = t - start.
+
+    The formula is smooth beyond both ends, so that an integrator may look there. Called with one time, in plain numbers: it is what a
+    right-hand side asks for thousands of times.
+    """
+
+    start: float
+    level: float
+    slope: float = 0.0
+    terms: tuple[TailTerm, ...] = ()
+
+    @property
+    def constant(self) -> bool:
+        """Whether the input stands still."""
+        return self.slope == 0.0 and not self.terms
+
+    def __call__(self, time: float) -> float:
+        """The input at `time` [s]."""
+        r = time - self.start
+        value = self.level + self.slope * r
+        for term in self.terms:
+            value += (term.coefficient * r**term.power * cmath.exp(term.rate * r)).real
+        return value
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +139,12 @@ class Command:
         start, level, slope = table[np.maximum(index, 0)].T
         moving = np.where(index < 0, rest, level + slope * (t - start))
         return np.where(t >= self.end, self.tail(np.maximum(t - self.end, 0.0)), moving)
+
+    def pieces(self, rest: float = 0.0) -> tuple[Piece, ...]:
+        """The input from t = 0 on as smooth pieces, ascending: rest, segments, tail. Together they are `self(t, rest)`."""
+        waiting = (Piece(0.0, rest),) if self.start > 0.0 else ()
+        moving = tuple(Piece(s.start, s.level, s.slope) for s in self.segments if s.start < self.end)
+        return *waiting, *moving, Piece(self.end, self.tail.steady, 0.0, self.tail.terms)
 
     def fuel(self, rest: float = 0.0) -> float:
         """`∫ |u - rest| dt` over the segments (input units times second), exact for piecewise linear u; the tail's fuel is apart."""

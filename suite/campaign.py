@@ -16,7 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from fmus.errors import FmuError
-from fmus.stepping import Experiment, Outcome, RunStatus
+from fmus.plans import interface_of
+from fmus.stepping import Experiment, Interface, Outcome, RunStatus
+from fmus.stepping import samples as steps
 from fmus.workers import Worker
 from relaxations.commands import Command
 from relaxations.plants import LinearPlant
@@ -24,8 +26,9 @@ from relaxations.response import response
 from reports import logs
 from reports.files import sha256
 from reports.records import RunLog
+from suite.design import grid_step
 from suite.ledger import Ledger
-from suite.observations import Setting, Subject, observe, record, with_verdict
+from suite.observations import Setting, Subject, observe, record, thinned, with_verdict
 from suite.plants import plant_at
 from suite.quantities import Facts, Observation, evaluate, window
 from suite.quantity_names import Quantity, parse_quantity
@@ -53,7 +56,8 @@ class Sample:
 class RunResult:
     """What a run came to. `log` is its path within the evidence folder (None: not kept), `measured` is empty unless the run finished.
 
-    `simulation` tells communication step, stop time, slowest period [s] and whether the modes decay within the observed window.
+    `simulation` tells communication step, stop time, slowest period [s], whether the modes decay within the observed window, and the
+    FMU's interface.
     """
 
     name: str
@@ -63,7 +67,7 @@ class RunResult:
     detail: str
     verdict: Verdict
     measured: Mapping[str, Measured]
-    simulation: Mapping[str, float | bool | None]
+    simulation: Mapping[str, float | bool | str | None]
     log: str | None
     sha256: str
 
@@ -135,11 +139,25 @@ def settle(study: Study, sample: Sample, command: Command, bracket: tuple[float 
         decayed = decayed and study.simulation.observe >= observed
         observed = study.simulation.observe
     stop = command.end + observed
-    step = stop / STEPS_PER_WINDOW
-    if modes:
-        step = min(step, 2 * math.pi / max(frequency for frequency, _ in modes) / STEPS_PER_PERIOD)
+    grid = grid_step(study)
+    step = study.simulation.step or natural_step([frequency for frequency, _ in modes], stop)
+    if grid is not None:
+        step, stop = grid, steps(stop, grid) * grid
     facts = Facts(float(study.maneuver.displacement), float(study.plant.initial_input), 0.0, modes, slowest, decayed, *bracket)
-    return Setting(sample.name, sample.nominal, sample.parameters, facts, study.simulation.step or step, stop)
+    return Setting(sample.name, sample.nominal, sample.parameters, facts, step, stop, interface(study))
+
+
+def natural_step(frequencies: Sequence[float], stop: float) -> float:
+    """The communication step [s] for modes of these frequencies [rad/s] in a run until `stop` [s]."""
+    periods = [2 * math.pi / frequency / STEPS_PER_PERIOD for frequency in frequencies]
+    return min([*periods, stop / STEPS_PER_WINDOW])
+
+
+def interface(study: Study) -> Interface:
+    """The FMU's interface that runs use."""
+    assert study.plant.fmu is not None
+    has = study.plant.fmu.archive.description.capabilities
+    return "co-simulation" if interface_of(has, study.simulation.interface) == "co_simulation" else "model-exchange"
 
 
 def carry_out(
@@ -220,13 +238,13 @@ def run_id(study: Study, subject: Subject, setting: Setting) -> str:
         json.dumps(subject.command.to_dict()),
         setting.name,
         json.dumps({name: str(value) for name, value in sorted(setting.parameters.items())}),
-        repr((setting.step, setting.stop, study.simulation.seed)),
+        repr((setting.step, setting.stop, setting.interface, study.simulation.seed)),
     ]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
 def run(study: Study, subject: Subject, sample: Sample, setting: Setting, worker: Worker, folder: Path) -> RunResult:
-    """One run with its step-halving check, measured, judged and logged."""
+    """One run with the check of its numerical error, measured, judged and logged."""
     fmu = study.plant.fmu
     assert fmu is not None
     parameters = {name: float(value) for name, value in {**fmu.parameters, **sample.parameters}.items()}
@@ -240,11 +258,15 @@ def run(study: Study, subject: Subject, sample: Sample, setting: Setting, worker
         command=subject.command,
         stop=setting.stop,
         step=setting.step,
+        interface=interface(study),
     )
     whole, outcome = _simulate(subject, sample, setting, worker, experiment, study.simulation.timeout)
     measured: dict[str, Measured] = {}
-    if outcome.status is RunStatus.FINISHED:
-        halved, check = _simulate(subject, sample, setting, worker, replace(experiment, step=setting.step / 2), study.simulation.timeout)
+    if outcome.status is RunStatus.FINISHED and grid_step(study) is not None:
+        run = observe(whole)
+        measured = measure(run, thinned(run), quantities(subject.requirements, sample.nominal))
+    elif outcome.status is RunStatus.FINISHED:
+        halved, check = _simulate(subject, sample, setting, worker, experiment.refined(), study.simulation.timeout)
         if check.status is RunStatus.FINISHED:
             measured = measure(observe(whole), observe(halved), quantities(subject.requirements, sample.nominal))
         else:
@@ -267,6 +289,7 @@ def run(study: Study, subject: Subject, sample: Sample, setting: Setting, worker
             "stop": setting.stop,
             "slowest_period": setting.facts.slowest_period,
             "decayed": setting.facts.decayed,
+            "interface": setting.interface,
         },
         log=name,
         sha256=sha256(path),
@@ -296,12 +319,15 @@ def quantities(requirements: Sequence[Requirement], nominal: bool) -> tuple[Quan
     return tuple({str(quantity): quantity for quantity in (*ALWAYS, *asked)}.values())
 
 
-def measure(run: Observation, halved: Observation, wanted: Sequence[Quantity]) -> dict[str, Measured]:
-    """Each quantity with its numerical error: twice the change from halving the communication step, which bounds a first-order error."""
+def measure(run: Observation, other: Observation, wanted: Sequence[Quantity]) -> dict[str, Measured]:
+    """Each quantity with its numerical error: twice the change from `run` to the refined run (which bounds a first-order error).
+
+    Of an FMU that takes no other steps, to the run with every second point left out.
+    """
     measured = {}
     for quantity in wanted:
-        value, finer = evaluate(run, quantity), evaluate(halved, quantity)
-        error = 0.0 if value == finer else 2 * abs(value - finer)
+        value, again = evaluate(run, quantity), evaluate(other, quantity)
+        error = 0.0 if value == again else 2 * abs(value - again)
         measured[str(quantity)] = Measured(value, error)
     return measured
 

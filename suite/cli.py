@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from decimal import Decimal, InvalidOperation
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -20,6 +21,7 @@ R = TypeVar("R")
 USAGE, INCONCLUSIVE, FAILED, INTERRUPTED = 2, 3, 1, 130
 """Exit codes other than 0: bad input; undecided, in error or incomplete; fail, differs or impossible; Ctrl-C."""
 
+POSITIVE = click.FloatRange(0.0, 1e150, min_open=True)
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Write one JSON object to standard output and nothing else there.")
 
 
@@ -148,6 +150,63 @@ def check(files: tuple[Path, ...], study: Path | None, as_json: bool) -> None:
     else:
         click.echo("\n\n".join("\n".join(checked.lines()) for checked in done))
     sys.exit(min((checked.exit_code for checked in done), key=ORDER.index))
+
+
+@main.command()
+@click.argument("fmu")
+@click.argument("command", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--input", "driven", required=True, metavar="NAME", help="The FMU's input that the command drives.")
+@click.option("--output", "moved", required=True, metavar="NAME", help="The FMU's output that is measured.")
+@click.option("--log", type=click.Path(path_type=Path, dir_okay=False), metavar="RUN.mcap", help="Write the run's log to this file.")
+@click.option("--parameter", "parameters", multiple=True, metavar="NAME=VALUE", help="Start value of a parameter; may be repeated.")
+@click.option("--stop", type=POSITIVE, help="When the run ends [s]; default: when the slowest mode has shown itself, or decayed.")
+@click.option("--step", type=POSITIVE, help="Communication step [s]; default: a fiftieth of the fastest period.")
+@click.option("--interface", type=click.Choice(["co-simulation", "model-exchange"]), help="Default: co-simulation, if the FMU offers it.")
+@click.option("--timeout", type=POSITIVE, default=60.0, show_default=True, help="Wall-clock time that a run may take [s].")
+@click.option("--convergence", is_flag=True, help="Refine the run four times and show how its output changes.")
+@AS_JSON
+@_guarded
+def simulate(
+    fmu: str,
+    command: Path,
+    driven: str,
+    moved: str,
+    log: Path | None,
+    parameters: tuple[str, ...],
+    stop: float | None,
+    step: float | None,
+    interface: Any,
+    timeout: float,
+    convergence: bool,
+    as_json: bool,
+) -> None:
+    """Run the command file COMMAND on FMU (a file, or a shipped plant) in a process of its own.
+
+    Exit code 0: it ran; 2: bad input; 3: the FMU failed.
+    """
+    from suite import console
+    from suite.simulation import Request
+    from suite.simulation import simulate as run
+
+    given = dict(map(_assignment, parameters))
+    request = Request(fmu, command, driven, moved, given, stop, step, interface, timeout)
+    done = run(request, log, convergence)
+    if as_json:
+        _print_json(done.to_dict())
+    else:
+        console.show_simulated(done, moved)
+    sys.exit(0 if done.status.complete else INCONCLUSIVE)
+
+
+def _assignment(text: str) -> tuple[str, Decimal]:
+    name, equals, value = text.rpartition("=")
+    try:
+        number = Decimal(value)
+    except InvalidOperation:
+        number = Decimal("nan")
+    if not (equals and name and number.is_finite()):
+        raise click.UsageError(f"--parameter {text}: must be NAME=VALUE with a finite number, such as stiffness=1.2")
+    return name, number
 
 
 @main.command()

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from relaxations.plants import Pole
     from suite.collection import Bracketed
     from suite.review import Review
+    from suite.simulation import Simulated
 
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
 WIDTH = 140  # of tables that are written to a file or a pipe, where no terminal says how wide it is
@@ -176,6 +177,28 @@ def _show_bracket(console: Console, bound: Mapping[str, Any]) -> None:
     gap = "" if upper is None or lower == 0.0 else f", gap {upper / lower - 1.0:.1e}"
     reason = f" ({bound['reason']})" if bound.get("reason") else ""
     console.print(escape(f"minimum time: {sides}{gap}: {bound['status']}{reason}"), soft_wrap=True)
+
+
+def show_simulated(done: Simulated, output: str) -> None:
+    """How the run ended, what was measured, and the convergence study if there is one."""
+    console = _out()
+    console.print(escape(f"{done.status.value}{f': {done.detail}' if done.detail else ''}"), soft_wrap=True)
+    grid = f"{done.points} points until {done.stop:.9g} s, one every {done.step:.9g} s"
+    console.print(f"{done.interface}, {grid}; {len(done.messages)} messages", soft_wrap=True)
+    labels = {f"final({output})": f"final {output}", "residual_vibration": "residual after the end", "peak_input": "peak input"}
+    for name, value in done.measured.items():
+        unit = done.units[name != "peak_input"]
+        console.print(escape(f"{labels[name]}: {value.value:.12g} ± {value.error:.2g} {unit}".rstrip()), soft_wrap=True)
+    if done.convergence:
+        table = Table()
+        for heading in ("step, s", "tolerance", "change when refined", "order"):
+            table.add_column(heading, justify="right")
+        for row in done.convergence:
+            order = "–" if row.order is None else f"{row.order:.2f}"
+            table.add_row(f"{row.step:.6g}", _short(row.tolerance, 2), f"{row.change:.3g}", order)
+        console.print(table)
+    if done.log is not None:
+        console.print(f"log: {escape(str(done.log))}", soft_wrap=True)
 
 
 def show_review(done: Review) -> None:

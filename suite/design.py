@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
+from fmus import plans
+from fmus.errors import FmuError
+from fmus.stepping import require_multiples
 from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
-from relaxations.errors import ManeuverError
+from relaxations.errors import ManeuverError, SolverError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
+from relaxations.sampling import Sampled, sampled_minimum
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.plants import nominal_plant
 from suite.study import Study
@@ -18,12 +22,28 @@ from suite.study import Study
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """What a study comes to: the linear plant, the problem it poses, the bracket, and the command (None if none was found)."""
+    """What a study comes to: the linear plant, the problem it poses, the bracket, and the command (None if none was found).
+
+    `sampled` is where the command comes from if the FMU's step size forces it onto a grid.
+    """
 
     plant: LinearPlant
     problem: Problem
     bound: Bound
     command: Command | None
+    sampled: Sampled | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know about the command."""
+        if self.sampled is None or self.bound.lower <= 0.0:
+            return ()
+        found, time = self.sampled, self.sampled.command.maneuver_time
+        return (
+            f"The FMU takes communication steps of {found.step:.9g} s only: the command is one of {found.samples} such samples and takes "
+            f"{time:.9g} s, {time - self.bound.lower:.3g} s ({time / self.bound.lower - 1.0:.2%}) more than the lower bound. "
+            "That no fewer samples do is computed, not proven.",
+        )
 
 
 def pose(study: Study, plant: LinearPlant) -> Problem:
@@ -56,6 +76,48 @@ def design(study: Study) -> Design:
             raise StudyError(str(study.file), [Mistake("command.start", study.command.start, why)])
         command = command.shifted(float(study.command.start))
     return Design(plant, posed, bound, command)
+
+
+def grid_step(study: Study) -> float | None:
+    """The step [s] that all communication points are multiples of; None if the FMU takes any steps.
+
+    Raises `StudyError` if the study's own step does not fit, or nobody names one.
+    """
+    fmu, asked = study.plant.fmu, study.simulation.step
+    if fmu is None:
+        return None
+    try:
+        return plans.grid_step(fmu.archive.description, study.simulation.interface, asked)
+    except plans.Misfit as problem:
+        value = ABSENT if asked is None else asked
+        raise StudyError(str(study.file), [Mistake("simulation.step", value, f"does not suit the FMU: {problem}")]) from None
+
+
+def on_grid(study: Study, made: Design) -> Design:
+    """The design that the FMU can follow: where it takes steps of one size only, the fastest command on that grid, found before any run.
+
+    Raises `StudyError` if there is none, or if the command that was given is not on the grid.
+    """
+    step = grid_step(study)
+    if step is None or made.command is None:
+        return made
+    given = study.command.kind == "file"
+    try:
+        if study.command.start:
+            require_multiples([float(study.command.start)], step)
+        if given:
+            require_multiples(made.command.breakpoints, step)
+            return made
+    except FmuError as problem:
+        place = "command.file" if given else "command.start"
+        why = f"the FMU takes communication steps of one size only, but {problem}"
+        raise StudyError(str(study.file), [Mistake(place, ABSENT, why)]) from None
+    try:
+        sampled = sampled_minimum(made.problem, step, made.bound.lower)
+    except SolverError as problem:
+        why = f"the FMU takes communication steps of {step!r} s only: {problem}"
+        raise StudyError(str(study.file), [Mistake("command", ABSENT, why)]) from None
+    return replace(made, command=sampled.command.shifted(float(study.command.start)), sampled=sampled)
 
 
 def bound_record(bound: Bound, command: Command | None, rest: float, certificate: str | None = None) -> dict[str, object]:

@@ -25,7 +25,7 @@ from suite.verdicts import Judgement, Measured, Verdict, judge_run, limit
 
 FORMAT = "slewcert-results/1"
 RESULTS, REPORT, JUNIT, LAYOUT = "results.json", "report.html", "junit.xml", "layout.json"
-SOLVERS = ("cvxpy", "clarabel", "numpy", "scipy", "fmpy", "mcap", "python-flint")
+SOLVERS = ("cvxpy", "clarabel", "numpy", "scipy", "fmpy", "scikit-sundae", "mcap", "python-flint")
 BRACKETED = "The bracket of the minimum time is not proven on both sides: {reason}."
 UNPROVEN = (
     "Requirements are judged by values measured on simulations of the FMU at samples of the box; between them nothing is known.",
@@ -35,7 +35,7 @@ NO_REQUIREMENT = "The study has no requirement: the command was run and measured
 TRUST_BASE = (
     "For the bracket: python-flint {flint}, CPython {python}, {lines} lines of checker code that share nothing with what solves.",
     "For the runs: the FMU's own binary and its solver, run in a process of its own.",
-    "For the verdicts: the step-halving estimate of the numerical error; NumPy, and the quantities' definitions, applied again by review.",
+    "For the verdicts: the numerical error that a finer run shows; NumPy, and the quantities' definitions, which review applies again.",
 )
 
 
@@ -81,6 +81,7 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         "bound": bound,
         "command": None if design.command is None else design.command.to_dict(),
         "simulation": None if not runs else runs[0].simulation,
+        "grid": None if design.sampled is None else {"step": design.sampled.step, "samples": design.sampled.samples},
         "requirements": [_requirement(judgement) for judgement in judgements],
         "runs": tally(runs),
         "run_table": [_run(result) for result in runs],
@@ -95,7 +96,7 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         ],
         "unproven": [*([BRACKETED.format(reason=design.bound.reason)] if design.bound.reason else []), *UNPROVEN],
         "trust_base": _trust_base(),
-        "notes": [*study.notes, *design.plant.notes, *([] if study.requirements else [NO_REQUIREMENT])],
+        "notes": [*study.notes, *design.notes, *design.plant.notes, *([] if study.requirements else [NO_REQUIREMENT])],
         "environment": environment(),
     }
 

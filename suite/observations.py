@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from fmus.stepping import Outcome
+from fmus.stepping import Interface, Outcome
 from relaxations.commands import Command
 from reports.records import Message, RunLog, Signal, field_names
 from suite.quantities import Facts, Observation
@@ -62,7 +62,7 @@ class Subject:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What one run was told: its name, parameter values (exact), facts, communication step and stop time [s]."""
+    """What one run was told: its name, parameter values (exact), facts, communication step and stop time [s], the FMU's interface."""
 
     name: str
     nominal: bool
@@ -70,10 +70,11 @@ class Setting:
     facts: Facts
     step: float
     stop: float
+    interface: Interface = "co-simulation"
 
 
-def record(subject: Subject, setting: Setting, outcome: Outcome, linear: Reals) -> RunLog:
-    """The log of a run as far as it got; `linear` (n,) is the linear plant's output at the trajectory's times, output unit."""
+def record(subject: Subject, setting: Setting, outcome: Outcome, linear: Reals | None) -> RunLog:
+    """The log of a run as far as it got; `linear` (n,) is the linear plant's output at the trajectory's times, output unit, if known."""
     run = {
         "run": setting.name,
         "nominal": json.dumps(setting.nominal),
@@ -87,6 +88,7 @@ def record(subject: Subject, setting: Setting, outcome: Outcome, linear: Reals) 
         "slowest_period": json.dumps(setting.facts.slowest_period),
         "step": repr(setting.step),
         "stop": repr(setting.stop),
+        "interface": setting.interface,
         "input": subject.input.variable,
         "output": subject.output.variable,
         "facts": json.dumps(asdict(setting.facts)),
@@ -108,9 +110,10 @@ def record(subject: Subject, setting: Setting, outcome: Outcome, linear: Reals) 
         _signal(COMMAND, times, [replace(subject.input, causality="local")], asked[:, None], names=("u",)),
         _signal(INPUT, times, [subject.input], trajectory.input[:, None]),
         _signal(OUTPUT, times, subject.outputs, logged(subject.outputs)),
-        _signal(LINEAR, times, [replace(subject.output, causality="local")], linear[:, None]),
         _signal(LIMITS, times[:1], [replace(subject.input, causality="local")] * 2, np.array([subject.limits]), names=("lower", "upper")),
     ]
+    if linear is not None:
+        signals.insert(3, _signal(LINEAR, times, [replace(subject.output, causality="local")], linear[:, None]))
     if subject.states:
         signals.append(_signal(STATE, times, subject.states, logged(subject.states)))
     return RunLog(run, None, tuple(signals), messages, attachments)
@@ -126,16 +129,31 @@ def observe(log: RunLog) -> Observation:
             if not np.array_equal(variables.setdefault(name, signal.values[:, i]), signal.values[:, i]):
                 raise ValueError(f"{name} has other values as a state than as an output")
     applied = log.signal(INPUT)
+    unknown = np.full(len(applied.times), np.nan)  # of a plant that gives no linear one
     output = variables[log.run["output"]]
     return Observation(
         times=applied.times,
         input=applied.values[:, 0],
         output=output,
-        linear=log.signal(LINEAR).values[:, 0],
+        linear=next((signal.values[:, 0] for signal in log.signals if signal.topic == LINEAR), unknown),
         variables=MappingProxyType({"output": output, **variables}),
         command=Command.from_json(log.attachments[COMMAND_FILE].decode()),
         facts=Facts(**facts),
     )
+
+
+def thinned(run: Observation) -> Observation:
+    """The run with every second communication point left out, but for those at which the input changes, the end of the move and the last.
+
+    Where an FMU takes steps of one size only, the distance from this measures what is not seen between the points.
+    """
+    keep = np.arange(len(run.times)) % 2 == 0
+    keep[1:] |= run.input[1:] != run.input[:-1]
+    keep |= run.after & ~np.append(False, run.after[:-1])
+    keep[-1] = True
+    variables = MappingProxyType({name: values[keep] for name, values in run.variables.items()})
+    times, applied, output, linear = (signal[keep] for signal in (run.times, run.input, run.output, run.linear))
+    return Observation(times, applied, output, linear, variables, run.command, run.facts)
 
 
 def with_verdict(log: RunLog, verdict: Verdict, measured: Mapping[str, Measured]) -> RunLog:

@@ -141,6 +141,7 @@ class Simulation(Section):
     observe: Positive | None = None
     timeout: Positive | None = None
     seed: Natural | None = None
+    interface: Literal["co-simulation", "model-exchange"] | None = None
 
 
 class Distribution(Section):

@@ -132,12 +132,16 @@ class CommandRequest:
 
 @dataclass(frozen=True, slots=True)
 class Simulation:
-    """How runs are simulated: communication `step`, window `observe` (None: chosen from the modes), `timeout` of one run; all [s]."""
+    """How runs are simulated: communication `step`, window `observe` (None: chosen from the modes), `timeout` of one run; all [s].
+
+    `interface` None is co-simulation where the FMU offers it.
+    """
 
     step: float | None = None
     observe: float | None = None
     timeout: float = 60.0
     seed: int = 0
+    interface: Literal["co-simulation", "model-exchange"] | None = None
 
 
 @dataclass(frozen=True, slots=True)

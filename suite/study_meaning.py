@@ -39,6 +39,8 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
     if written.plant is not None:
         plant, names, more = understand_plant(written.plant, file.parent)
         mistakes += more
+    if written.simulation is not None:
+        _interface(plant, written.simulation.interface, mistakes)
     requirements = tuple(
         _requirement(item, i, plant, names, bool(written.uncertainty), mistakes) for i, item in _items(written.requirement)
     )
@@ -155,6 +157,16 @@ def _within(command: Command, file: str | None, limits: tuple[Decimal, Decimal],
             mistakes.append(Mistake("command.file", file, f"the command reaches {level:.10g}, beyond limits.input, {limit:.10g}"))
 
 
+def _interface(plant: Plant | None, asked: str | None, mistakes: list[Mistake]) -> None:
+    if plant is None or plant.fmu is None or asked is None:
+        return
+    has = plant.fmu.archive.description.capabilities
+    offered = {"co-simulation": has.co_simulation, "model-exchange": has.model_exchange}
+    if offered[asked] is None:
+        other = next(name for name in offered if name != asked)
+        mistakes.append(Mistake("simulation.interface", asked, f'is not offered by the FMU; valid is "{other}"'))
+
+
 def _simulation(written: schema.Simulation) -> Simulation:
     default = Simulation()
     return Simulation(
@@ -162,6 +174,7 @@ def _simulation(written: schema.Simulation) -> Simulation:
         observe=None if written.observe is None else float(written.observe),
         timeout=default.timeout if written.timeout is None else float(written.timeout),
         seed=default.seed if written.seed is None else written.seed,
+        interface=written.interface,
     )
 
 

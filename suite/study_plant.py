@@ -191,7 +191,7 @@ def _open(name: str, folder: Path, mistakes: list[Mistake]) -> Fmu | None:
                 mistakes.append(Mistake("plant.fmu", name, f"{path} is {what}, and the plants shipped here are {', '.join(shipped)}{hint}"))
                 return None
         fmu = open_archive(path)
-        fmu.require_platform()
+        fmu.require_platform("co_simulation" if fmu.description.capabilities.co_simulation else "model_exchange")
     except FmuError as problem:
         mistakes.append(Mistake("plant.fmu", name, str(problem)))
         return None

@@ -21,7 +21,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A measured value and the estimate of its numerical error (from halving the communication step)."""
+    """A measured value and the estimate of its numerical error (from a finer run)."""
 
     value: float
     error: float

@@ -13,7 +13,7 @@ from relaxations.bounds import Status
 from reports import files
 from suite import evidence
 from suite.campaign import RunResult, Sample, carry_out, samples, settle
-from suite.design import Design, design
+from suite.design import Design, design, on_grid
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.folders import LEDGER, check, prepare
 from suite.ledger import Ledger
@@ -56,7 +56,7 @@ def verify(
     if fmu is None:
         raise refusal(study, "plant.fmu", "is missing: verify runs the command on an FMU (bound does not need one)")
     check(folder, study, resume=resume, force=force)
-    made = design(study)
+    made = on_grid(study, design(study))
     planned = _planned(study, made)
     prepare(folder, study, resume=resume, force=force)
     files.write_atomically(folder / "study.toml", study.source)

@@ -97,7 +97,7 @@ def _passing() -> dict[str, Any]:
             "reason": None,
         },
         "command": COMMAND,
-        "simulation": {"step": 0.08, "stop": 98.0, "slowest_period": 4.442882938158366, "decayed": False},
+        "simulation": {"step": 0.08, "stop": 98.0, "slowest_period": 4.442882938158366, "decayed": False, "interface": "co-simulation"},
         "requirements": [
             _requirement(
                 "SLEW-001",

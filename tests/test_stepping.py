@@ -1,16 +1,17 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import FmuError
-from fmus.stepping import MERGE, RunStatus, Trajectory, grid, held, ramps, step_sizes, uniform
-from relaxations.commands import Command, Segment, Tail, TailTerm
+from fmus.stepping import MERGE, Experiment, RunStatus, Trajectory, grid, multiples, samples, step_sizes
+from relaxations.commands import Command, Segment, Tail
 
 BANG = Command(2.5, (Segment(0.0, 1.0), Segment(1.003, -1.0)), Tail(0.0))
-SLOPED = Command(2.0, (Segment(1.0, 0.5, 2.0), Segment(2.0, 1.0)), Tail(0.25, (TailTerm(-1.0 + 2.0j, 0, 0.75 + 0.5j),)))
 
 
 def test_regular_points_are_multiples_not_sums() -> None:
@@ -55,47 +56,6 @@ def test_every_grid(stop: float, count: float, parts: list[float]) -> None:
         assert time == multiple or time in known
 
 
-def test_the_input_between_two_points_is_the_one_after_the_jump() -> None:
-    times = grid(0.0, 4.0, 0.5, BANG.breakpoints)
-    levels = held(BANG, times, rest=0.0)
-    assert dict(zip(times[:-1].tolist(), levels.tolist(), strict=True)) == {
-        0.0: 1.0,
-        0.5: 1.0,
-        1.0: 1.0,
-        1.003: -1.0,
-        1.5: -1.0,
-        2.0: -1.0,
-        2.5: 0.0,
-        3.0: 0.0,
-        3.5: 0.0,
-    }
-    values, slopes = ramps(BANG, times, rest=0.0)
-    assert values.tolist() == levels.tolist()
-    assert not slopes.any()
-
-
-def test_a_jump_that_lies_a_rounding_error_after_a_point_is_not_lost() -> None:
-    late = BANG.shifted(1e-15)
-    times = grid(0.0, 4.0, 0.5, late.breakpoints)
-    assert held(late, times, rest=0.0)[0] == 1.0
-
-
-def test_before_the_command_the_input_rests() -> None:
-    times = grid(0.0, 3.0, 0.25, SLOPED.breakpoints)
-    assert held(SLOPED, times, rest=-0.5)[:4].tolist() == [-0.5] * 4
-    assert ramps(SLOPED, times, rest=-0.5)[0][:4].tolist() == [-0.5] * 4
-
-
-def test_ramps_reproduce_sloping_segments_and_the_ends_of_a_tail() -> None:
-    times = grid(0.0, 6.0, 0.25, SLOPED.breakpoints)
-    values, slopes = ramps(SLOPED, times, rest=0.0)
-    right = values + slopes * np.diff(times)
-    before = np.nextafter(times[1:], 0.0)
-    # The command just before the right end: the difference is one rounding error of the time, times the slope.
-    np.testing.assert_allclose(right, SLOPED(before), rtol=0.0, atol=1e-14)
-    np.testing.assert_array_equal(values, SLOPED(times[:-1]))
-
-
 def test_the_last_step_does_not_pass_the_stop_time() -> None:
     for stop in np.random.default_rng(3).uniform(1.0, 90.0, 200):
         times = grid(0.0, float(stop), 0.07)
@@ -104,10 +64,25 @@ def test_the_last_step_does_not_pass_the_stop_time() -> None:
         assert abs(sizes[-1] - (stop - times[-2])) <= 1e-15 * 90.0  # one unit in the last place
 
 
-def test_uniform() -> None:
-    assert uniform(grid(0.0, 100.0, 0.1), 0.1)
-    assert not uniform(grid(0.0, 1.0, 0.3), 0.3)
-    assert not uniform(grid(0.0, 4.0, 0.5, BANG.breakpoints), 0.5)
+def test_a_grid_of_one_step_reaches_a_stop_that_is_no_multiple() -> None:
+    """Nothing is cut off: asked for 1.0 with steps of 0.3, it ends at 1.2."""
+    assert multiples(1.0, 0.3).tolist() == [0.0, 0.3, 0.6, 3 * 0.3, 4 * 0.3]
+    assert samples(0.3 * 7, 0.3) == 7
+    assert samples(1e-9, 0.3) == 1
+
+
+def test_a_grid_of_one_step_refuses_a_jump_beside_it() -> None:
+    assert len(multiples(4.0, 0.5, (0.0, 1.5, 2.5 + 1e-12))) == 9
+    assert len(multiples(1.0, 0.5, (1.003,))) == 3, "what comes after the stop does not matter"
+    with pytest.raises(FmuError, match=r"changes at 1\.003 s, which is no multiple of the step 0\.5 s"):
+        multiples(4.0, 0.5, BANG.breakpoints)
+
+
+def test_a_refined_run_has_half_the_step_and_a_tenth_of_the_tolerance() -> None:
+    experiment = Experiment(Path("x.fmu"), "u", ("y",), {}, 0.0, {}, BANG, 4.0, 0.5)
+    finer = experiment.refined()
+    assert (finer.step, finer.stop) == (0.25, 4.0)
+    assert finer.tolerance == pytest.approx(1e-11)
 
 
 def test_a_trajectory_cannot_be_changed() -> None:

@@ -80,25 +80,54 @@ def test_is_exact_at_any_step_because_no_jump_is_delayed(fmu: Path, step: float,
     assert run.times[-1] == 10.0
 
 
-def test_a_sloping_input_is_exact_where_the_fmu_interpolates_and_close_elsewhere(worker: Worker) -> None:
+WAYS = {"lines": "2.0", "constants": "2.0", "instants": "3.0"}
+
+
+def told(way: str, worker: Worker, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The plant, with nothing but this way of being told a command that moves."""
+    path = build("two_mass", WAYS[way])  # type: ignore[arg-type]
+    opened = worker._open(path)
+    less = replace(opened.description.capabilities, interpolates_inputs=way == "lines")
+    monkeypatch.setattr(worker, "_open", lambda _: replace(opened, description=replace(opened.description, capabilities=less)))
+    return path
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_sloping_input_is_exact_where_the_fmu_interpolates_or_asks_and_close_elsewhere(
+    way: str, worker: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sloped = Command(3.0, (Segment(0.3, 0.0, 0.5), Segment(1.3, 0.5, -0.5), Segment(2.3, 0.0)), Tail(0.0))
     exact = [(0.3, 0.0, 0.5), (1.3, 0.0, -1.0), (2.3, 0.0, 0.5)]
-    errors = {}
-    for version in ("2.0", "3.0"):
-        for step in (0.1, 0.05):
-            run = finished(worker.run(experiment(build("two_mass", version), command=sloped, step=step), PATIENCE))
-            errors[version, step] = np.abs(run.values - two_masses(run.times, exact, 2.0)).max()
-    assert errors["2.0", 0.1] < 1e-10  # the integrator's declared error
-    order = np.log2(errors["3.0", 0.1] / errors["3.0", 0.05])
-    assert 1.8 < order < 2.2, "holding the middle value is of second order"
+    fmu = told(way, worker, monkeypatch)
+    errors = []
+    for step in (0.4, 0.2):
+        run = finished(worker.run(experiment(fmu, command=sloped, step=step), PATIENCE))
+        errors.append(np.abs(run.values - two_masses(run.times, exact, 2.0)).max())
+        np.testing.assert_array_equal(run.input, sloped(run.times))
+    if way == "constants":
+        assert 3.6 < np.log2(errors[0] / errors[1]) < 4.4, "pairs of constants with the right moments are of fourth order"
+        assert errors[1] < 1e-7
+    else:
+        assert max(errors) < 1e-10, "the integrator's declared error"
 
 
-def test_a_tail_reaches_its_end(fmu: Path, worker: Worker) -> None:
+@pytest.mark.parametrize("way", WAYS)
+def test_a_tail_is_of_fourth_order_or_exact(way: str, worker: Worker, monkeypatch: pytest.MonkeyPatch) -> None:
+    fmu = told(way, worker, monkeypatch)
     tail = Tail(0.0, (TailTerm(-2.0 + 0.0j, 0, 1.0 + 0.0j),))
-    run = finished(worker.run(experiment(fmu, command=Command(0.0, (), tail), step=0.01, parameters={}), PATIENCE))
-    # Momentum is the integral of the force, ∫ e^(-2t) = 1/2; the middle value's error is h²/24 · 2² ≈ 2e-5 of it, the line's twice that.
-    end = run.times[-1]
-    assert run.values[-1, :2].sum() == pytest.approx(end / 2.0 - 0.25, rel=5e-5)
+    errors = []
+    for step in (0.4, 0.2):
+        run = finished(worker.run(experiment(fmu, command=Command(0.0, (), tail), step=step), PATIENCE))
+        # x_1 + x_2 with the force e^(-2t), and the momentum, by hand.
+        both = run.times / 2.0 - (1.0 - np.exp(-2.0 * run.times)) / 4.0
+        stretch = (np.exp(-2.0 * run.times) - np.cos(2.0 * run.times) + np.sin(2.0 * run.times)) / 8.0  # x'' + 4 x = e^(-2t)
+        exact = np.column_stack([(both - stretch) / 2.0, (both + stretch) / 2.0, -stretch])
+        errors.append(np.abs(run.values - exact).max())
+    if way == "instants":
+        assert max(errors) < 1e-10, "the integrator's declared error"
+    else:
+        assert 3.7 < np.log2(errors[0] / errors[1]) < 4.3
+        assert errors[1] < 1e-6
 
 
 def test_starts_from_the_given_state_and_input(fmu: Path, worker: Worker) -> None:
@@ -200,13 +229,22 @@ def test_messages_carry_their_time() -> None:
 
 
 def test_steps_of_one_size_only_are_respected() -> None:
-    fixed = build_fault("fixed_step")
-    refused = simulate(experiment(fixed, step=0.05), PATIENCE)
-    assert refused.status is RunStatus.FAILED
-    assert "steps of one size only" in refused.detail
-    assert refused.trajectory is None
+    fixed = build_fault("fixed_step", "2.0")  # in FMI 3.0 it would ask for its inputs
     aligned = Command(2.0, (Segment(0.0, 1.0), Segment(1.0, -1.0)), Tail(0.0))
-    run = finished(simulate(experiment(fixed, command=aligned, step=0.05), PATIENCE))
+    decaying = Command(0.0, (), Tail(0.0, (TailTerm(-1.0 + 0.0j, 0, 1.0 + 0.0j),)))
+    misfits = {
+        "of one size only, but the input changes at 1.0026783 s": {"command": BANG, "step": 0.05},
+        "but the command slopes or decays": {"command": decaying, "step": 0.05},
+    }
+    for words, changes in misfits.items():
+        refused = simulate(experiment(fixed, **changes), PATIENCE)
+        assert refused.status is RunStatus.FAILED
+        assert words in refused.detail
+        assert refused.trajectory is None
+    refused = simulate(experiment(build_fault("fixed_step"), command=aligned, step=0.02), PATIENCE)
+    assert "internal step is 0.05 s, and a communication step of 0.02 s is no multiple" in refused.detail
+    run = finished(simulate(experiment(fixed, command=aligned, step=0.05, stop=9.98), PATIENCE))
+    assert run.times[-1] == 10.0, "a stop between two points is passed, not cut off"
     np.testing.assert_allclose(
         run.values, two_masses(run.times, [(0.0, 1.0, 0.0), (1.0, -2.0, 0.0), (2.0, 1.0, 0.0)], 2.0), rtol=0.0, atol=1e-10
     )
@@ -312,12 +350,18 @@ def test_an_interrupt_ends_the_child(folders: Path, monkeypatch: pytest.MonkeyPa
         assert list(folders.iterdir()) == []
 
 
-def test_model_exchange_only_is_bad_input(fmu: Path, worker: Worker, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("asked", "words"), [("co-simulation", "offers Model Exchange only"), ("model-exchange", "offers Co-Simulation only")]
+)
+def test_an_interface_that_is_not_offered_is_bad_input(
+    fmu: Path, asked: str, words: str, worker: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
     opened = worker._open(fmu)
-    only = replace(opened.description, capabilities=replace(opened.description.capabilities, co_simulation=None))
-    monkeypatch.setattr(worker, "_open", lambda _: replace(opened, description=only))
-    with pytest.raises(DescriptionError, match="offers Model Exchange only"):
-        worker.run(experiment(fmu), PATIENCE)
+    only = replace(opened.description.capabilities, **{asked.replace("-", "_"): None})
+    monkeypatch.setattr(worker, "_open", lambda _: replace(opened, description=replace(opened.description, capabilities=only)))
+    with pytest.raises(DescriptionError, match=words):
+        worker.run(experiment(fmu, interface=asked), PATIENCE)
+    finished(worker.run(experiment(fmu), PATIENCE))  # with the other one
 
 
 @pytest.mark.benchmark

@@ -58,8 +58,8 @@ void plant_outputs(Plant *p) {
 
 void plant_derivatives(Plant *p) { (void)p; }
 
-int integrate(Plant *p, const InputDerivatives *derivatives, double step) {
-    (void)derivatives;
+int integrate(Plant *p, const InputDerivatives *derivatives, const InputSource *source, double step) {
+    (void)derivatives, (void)source;
     p->time += step;
     return 0;
 }

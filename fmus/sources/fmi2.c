@@ -166,8 +166,11 @@ fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetFMUStatePriorToCurrentPoint, fmi2Boolean *enterEventMode,
                                        fmi2Boolean *terminateSimulation) {
     (void)noSetFMUStatePriorToCurrentPoint;
-    *enterEventMode = *terminateSimulation = fmi2False;
-    return translate(require(c, "fmi2CompletedIntegratorStep", IN(CONTINUOUS)));
+    int terminate;
+    const PlantStatus status = complete_step(c, "fmi2CompletedIntegratorStep", &terminate);
+    *enterEventMode = fmi2False;
+    *terminateSimulation = terminate;
+    return translate(status);
 }
 
 fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) {

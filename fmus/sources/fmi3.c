@@ -57,13 +57,20 @@ fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String in
     return instantiate(instanceName, instantiationToken, 1, loggingOn, instanceEnvironment, logMessage);
 }
 
+/* Within a step the importer sets the inputs that it has named. */
+static void ask(void *owner, double time) {
+    const Instance *c = owner;
+    fmi3Boolean end = fmi3False;
+    fmi3Float64 when = time;
+    ((fmi3IntermediateUpdateCallback)c->update)(c->environment, time, fmi3True, fmi3False, fmi3False, fmi3False, &end, &when);
+}
+
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
                                          fmi3Boolean visible, fmi3Boolean loggingOn, fmi3Boolean eventModeUsed,
                                          fmi3Boolean earlyReturnAllowed, const fmi3ValueReference requiredIntermediateVariables[],
                                          size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment instanceEnvironment,
                                          fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate) {
     (void)resourcePath, (void)visible, (void)requiredIntermediateVariables;
-    (void)nRequiredIntermediateVariables, (void)intermediateUpdate;
     Instance *c = instantiate(instanceName, instantiationToken, 0, loggingOn, instanceEnvironment, logMessage);
     if (c) {
         c->event_mode = eventModeUsed;
@@ -73,6 +80,10 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
         report(c, PLANT_ERROR, "co-simulation of this model has no event mode (hasEventMode is false)");
         destroy(c);
         return NULL;
+    }
+    if (c && nRequiredIntermediateVariables && intermediateUpdate) {
+        c->update = (void (*)(void))intermediateUpdate;
+        c->source = (InputSource){ask, c};
     }
     return c;
 }
@@ -298,8 +309,11 @@ fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c) {
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean noSetFMUStatePriorToCurrentPoint, fmi3Boolean *enterEventMode,
                                        fmi3Boolean *terminateSimulation) {
     (void)noSetFMUStatePriorToCurrentPoint;
-    *enterEventMode = *terminateSimulation = fmi3False;
-    return translate(require(c, "fmi3CompletedIntegratorStep", IN(CONTINUOUS)));
+    int terminate;
+    const PlantStatus status = complete_step(c, "fmi3CompletedIntegratorStep", &terminate);
+    *enterEventMode = fmi3False;
+    *terminateSimulation = terminate;
+    return translate(status);
 }
 
 fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 time) {

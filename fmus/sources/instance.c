@@ -200,6 +200,21 @@ PlantStatus get_derivatives(Instance *c, double values[], size_t count) {
     return PLANT_OK;
 }
 
+PlantStatus complete_step(Instance *c, const char *call, int *terminate) {
+    PlantStatus status = require(c, call, IN(CONTINUOUS));
+    *terminate = 0;
+#if PLANT_HAS_STEP_HOOK
+    if (status == PLANT_OK) {
+        const char *message = "";
+        status = plant_before_step(&c->state.plant, 0.0, &message);
+        if (status != PLANT_OK)
+            report(c, status, "%s", message);
+        *terminate = status == PLANT_TERMINATE;
+    }
+#endif
+    return *terminate ? PLANT_OK : status;
+}
+
 PlantStatus get_nominals(const Instance *c, double values[], size_t count) {
     if (check_count(c, count) != PLANT_OK)
         return PLANT_ERROR;
@@ -291,7 +306,7 @@ PlantStatus do_step(Instance *c, double time, double step) {
     if (status == PLANT_DISCARD || status == PLANT_ERROR || status == PLANT_FATAL)
         return status;
 #endif
-    if (integrate(&s->plant, &s->input_derivatives, step) != 0)
+    if (integrate(&s->plant, &s->input_derivatives, &c->source, step) != 0)
         return report(c, PLANT_ERROR, "no finite solution was found from %.17g s to %.17g s", time, time + step);
     memset(&s->input_derivatives, 0, sizeof s->input_derivatives); /* they were given for this step */
 #if PLANT_HAS_EVENTS

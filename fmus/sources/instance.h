@@ -31,6 +31,8 @@ struct Instance {
     int logging;
     char *name;
     void *environment; /* of the importer; only passed back */
+    InputSource source;
+    void (*update)(void); /* the importer's function for intermediate updates, which `source` may call */
     void (*log)(void); /* the importer's log function, as the version at hand declares it */
     Logger *logger;
 };
@@ -58,6 +60,7 @@ PlantStatus set_time(Instance *c, double time);
 PlantStatus get_states(Instance *c, double values[], size_t count);
 PlantStatus set_states(Instance *c, const double values[], size_t count);
 PlantStatus get_derivatives(Instance *c, double values[], size_t count);
+PlantStatus complete_step(Instance *c, const char *call, int *terminate);
 PlantStatus get_nominals(const Instance *c, double values[], size_t count);
 PlantStatus directional(Instance *c, const unsigned unknowns[], size_t n_unknowns, const unsigned knowns[], size_t n_knowns,
                         const double seed[], double sensitivity[]);

@@ -21,6 +21,7 @@ typedef struct {
     Plant *plant;
     const double *inputs;
     const InputDerivatives *derivatives;
+    const InputSource *source;
     double time; /* at the beginning of the communication step */
 } Problem;
 
@@ -33,10 +34,17 @@ void inputs_at(Plant *p, const double start[], const InputDerivatives *derivativ
     }
 }
 
+static void set_inputs(const Problem *q, double since) {
+    q->plant->time = q->time + since;
+    if (q->source->ask)
+        q->source->ask(q->source->owner, q->plant->time);
+    else
+        inputs_at(q->plant, q->inputs, q->derivatives, since);
+}
+
 static const double *slope(const Problem *q, double since, const double x[PLANT_STATES], const double increment[PLANT_STATES]) {
     Plant *p = q->plant;
-    p->time = q->time + since;
-    inputs_at(p, q->inputs, q->derivatives, since);
+    set_inputs(q, since);
     for (int i = 0; i < PLANT_STATES; i++)
         p->value[PLANT_FIRST_STATE + i] = x[i] + increment[i];
     plant_derivatives(p);
@@ -109,9 +117,9 @@ static Quality extrapolate(const Problem *q, double since, double width, const d
     return quality;
 }
 
-int integrate(Plant *p, const InputDerivatives *derivatives, double step) {
+int integrate(Plant *p, const InputDerivatives *derivatives, const InputSource *source, double step) {
     const Plant before = *p;
-    const Problem q = {p, before.value + PLANT_FIRST_INPUT, derivatives, before.time};
+    const Problem q = {p, before.value + PLANT_FIRST_INPUT, derivatives, source, before.time};
     double x[PLANT_STATES], increment[PLANT_STATES], since = 0.0, width = step, halved = 0.0;
     memcpy(x, before.value + PLANT_FIRST_STATE, sizeof x);
     while (since < step) {
@@ -135,8 +143,7 @@ int integrate(Plant *p, const InputDerivatives *derivatives, double step) {
         since = last ? step : since + h;
         width = columns < COLUMNS - 2 ? 2.0 * h : h;
     }
-    p->time = before.time + step;
-    inputs_at(p, q.inputs, derivatives, step);
+    set_inputs(&q, step);
     memcpy(p->value + PLANT_FIRST_STATE, x, sizeof x);
     return 0;
 }

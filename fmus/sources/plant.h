@@ -29,7 +29,8 @@ void plant_tangent(const Plant *p, Plant *d);
 #endif
 
 #if PLANT_HAS_STEP_HOOK
-/* Called before each co-simulation step of `step` seconds; a status other than PLANT_OK becomes the step's. */
+/* Called before each co-simulation step of `step` seconds, and after each completed integrator step of model exchange (`step` is then 0);
+ * a status other than PLANT_OK becomes the step's. */
 PlantStatus plant_before_step(Plant *p, double step, const char **message);
 #endif
 

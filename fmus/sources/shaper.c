@@ -178,7 +178,8 @@ PlantStatus plant_before_step(Plant *p, double step, const char **message) {
     return PLANT_ERROR;
 }
 
-int integrate(Plant *p, const InputDerivatives *derivatives, double step) {
+int integrate(Plant *p, const InputDerivatives *derivatives, const InputSource *source, double step) {
+    (void)source; /* never set: it takes its input at communication points */
     Memory *m = &p->memory;
     Piece next = {p->time, input(p), derivatives->order[0][0]};
     if (p->linear) {

@@ -1,0 +1,207 @@
+"""The stepping loop of a co-simulation: inputs, steps, events, and what to do when the FMU does not take a step as it was asked to.
+
+Only the standard library is imported here: it runs beside the FMU, in a child that has to start fast.
+"""
+
+from __future__ import annotations
+
+from array import array
+from bisect import bisect_right
+from collections.abc import Callable
+
+from fmus.errors import CallFailed, FmuError
+from fmus.events import Interruption, Steps
+from fmus.instances import Instance
+from fmus.interfaces import Instance2, Instance3
+from fmus.sessions import Messages, Progress, Request, create, failed, prepare
+
+HALVINGS = 10  # of a step that the FMU discards: 2^-10 of a communication step is as short as any FMU asked for in earnest
+SAME = 1e-12  # of a step: an early return nearer to its end than this was at its end
+MOST_PARTS = 10_000  # of a communication step, in which nearly as many events may lie
+DISCARD = 2
+
+
+class _NeedsCopies(Exception):
+    """A discarded step can be taken again only from a copy of the FMU's state, and there was none."""
+
+
+class _Terminated(Exception):
+    """The FMU asks to end the run."""
+
+
+def run(request: Request, raw: bytes, messages: Messages) -> Request:
+    """Step through the request's grid; returns the reply.
+
+    Most runs never see a step discarded, so copies of the FMU's state are taken only in a second attempt.
+    """
+    try:
+        return _attempt(request, raw, messages, copies=False)
+    except _NeedsCopies:
+        messages.restart()
+        return _attempt(request, raw, messages, copies=True)
+
+
+def _attempt(request: Request, raw: bytes, messages: Messages, copies: bool) -> Request:
+    n = request["points"]
+    columns = [array("d", raw[8 * i : 8 * j]) for i, j in _spans(n, request["ramps"])]
+    times, sizes, levels = columns[:3]
+    slopes = columns[3] if request["ramps"] else None
+    progress = Progress(request["progress"])
+    count = progress.count
+    count.value = 0
+    messages.begin(times, count)
+    supply = _Supply(request) if request["intermediate"] else None
+    try:
+        steps = Steps(request["event_mode"], request["early_return"], supply.required if supply else (), supply)
+        instance = create(request, "co_simulation", messages, steps)
+        prepare(instance, request)
+        read = instance.reader([tuple(o) for o in request["outputs"]], progress.address)
+        stepping = _Stepping(instance, request, messages, copies)
+        if supply:
+            supply.instance = instance
+        stepping.begin(read)
+        count.value = 1
+        applied, sloped = None, 0.0
+        for i in range(n - 1):
+            level, slope = levels[i], slopes[i] if slopes else 0.0
+            if supply.select((times[i] + times[i + 1]) / 2.0) if supply else level != applied or slope != 0.0 or sloped != 0.0:
+                stepping.apply(times[i], level, slope)
+                applied, sloped = level, slope
+            stepping.advance(times[i], sizes[i])
+            read(i + 1)
+            count.value = i + 2
+        instance.terminate()
+        warning = instance.warning
+        instance.free()
+    except _Terminated:
+        return {"status": "TERMINATED", "detail": f"during the step from {times[max(count.value - 1, 0)]:.9g} s"}
+    except CallFailed as problem:
+        return failed(problem, progress, times)
+    return {"status": "WARNING", "detail": warning} if warning else {"status": "FINISHED", "detail": ""}
+
+
+def _spans(n: int, ramps: bool) -> list[tuple[int, int]]:
+    """Where the columns lie in the raw part: times (n), sizes, levels and, with ramps, slopes (n - 1 each)."""
+    return [(0, n), *((n + i * (n - 1), n + (i + 1) * (n - 1)) for i in range(3 if ramps else 2))]
+
+
+class _Supply:
+    """The command at any instant, for an FMU that asks for its input within a step."""
+
+    def __init__(self, request: Request) -> None:
+        from relaxations.commands import Command  # brings NumPy along: only such runs need it
+
+        self.required = (request["input"][1],)
+        self.instance: Instance | None = None
+        self._input = tuple(request["input"])
+        self._pieces = Command.from_dict(request["command"]).pieces(request["initial_input"])
+        self._starts = [piece.start for piece in self._pieces]
+        self._piece = None
+
+    def select(self, middle: float) -> bool:
+        """The next step is the one around this time [s]; whether a new piece of the command begins with it."""
+        before, self._piece = self._piece, self._pieces[max(bisect_right(self._starts, middle) - 1, 0)]
+        return self._piece is not before
+
+    def __call__(self, time: float) -> None:
+        """Set the input to what the command is at `time` [s]."""
+        assert self.instance is not None
+        assert self._piece is not None
+        self.instance.set(self._input, self._piece(time))
+
+
+class _Stepping:
+    """The steps of one instance."""
+
+    def __init__(self, instance: Instance, request: Request, messages: Messages, copies: bool) -> None:
+        kind, reference = request["input"]
+        self._instance, self._messages = instance, messages
+        self._step: Callable[[float, float], Interruption | None] = instance.stepper()
+        self._assign = instance.setter(kind, reference)
+        self._tilt = instance.ramp(reference) if isinstance(instance, Instance2) and request["ramps"] else None
+        self._events = instance if isinstance(instance, Instance3) and request["event_mode"] else None
+        self._keep, self._back = instance.keeper() if isinstance(instance, Instance2) and copies else (None, None)
+        self._copyable: bool = request["copies"] and not copies
+        self._divisible: bool = request["divisible"]
+        self._level, self._slope, self._since = 0.0, 0.0, 0.0
+        self._event_time = float("inf")
+
+    def begin(self, read: Callable[[int], None]) -> None:
+        """Read the first row; out of the event mode that initialisation ends in."""
+        if self._events:
+            self._settle()
+            read(0)
+            self._events.enter_step_mode()
+        else:
+            read(0)
+
+    def apply(self, time: float, level: float, slope: float) -> None:
+        """The input from `time` [s] on."""
+        self._level, self._slope, self._since = level, slope, time
+        if self._events:  # a jump of the input is an event
+            self._event(lambda: self._assign(level))
+        else:
+            self._tell(time)
+
+    def advance(self, start: float, size: float) -> None:
+        """From `start` over `size` [s], in one step if the FMU takes it."""
+        if self._keep:
+            self._keep()
+        timely = self._event_time >= start + size or not self._divisible
+        stopped = self._step(start, size) if timely else Interruption(start)
+        if stopped is not None:
+            self._resume(start, size, stopped)
+
+    def _resume(self, start: float, size: float, stopped: Interruption) -> None:
+        """The rest of a step that the FMU did not take as a whole, and the events on the way."""
+        end, now, largest, asked, halvings = start + size, start, size, size, 0
+        for _ in range(MOST_PARTS):
+            if stopped.terminate:
+                raise _Terminated
+            if stopped.discarded:
+                if not self._divisible or halvings == HALVINGS:
+                    self._instance.judge(self._instance.prefix + "DoStep", DISCARD)
+                if self._copyable:
+                    raise _NeedsCopies
+                halvings, largest = halvings + 1, asked / 2.0
+                if self._back:
+                    self._back()
+                else:
+                    now = stopped.reached
+                self._messages("discard", f"a step of {asked:.9g} s from {now:.9g} s was discarded: cut to {largest:.9g} s")
+            else:
+                now = stopped.reached
+                if self._events and (stopped.event or now >= self._event_time):
+                    self._messages("ok", f"event at {now:.12g} s")
+                    self._event()
+            left = end - now
+            if left <= SAME * size:
+                return
+            asked = min(left, largest)
+            if self._divisible and now < self._event_time < now + asked:
+                asked = self._event_time - now
+            if self._tilt:
+                self._tell(now)
+            if self._keep:
+                self._keep()
+            stopped = self._step(now, asked) or Interruption(end if asked == left else now + asked)
+        raise FmuError(f"the FMU did not take the step of {size:.9g} s from {start:.9g} s in {MOST_PARTS} parts")
+
+    def _tell(self, time: float) -> None:
+        """Tell the input and, to an FMU that interpolates, its slope, as they are at `time` [s]."""
+        self._assign(self._level + self._slope * (time - self._since))
+        if self._tilt:
+            self._tilt(self._slope)
+
+    def _event(self, change: Callable[[], object] = lambda: None) -> None:
+        assert self._events is not None
+        self._events.enter_event_mode()
+        change()
+        self._settle()
+        self._events.enter_step_mode()
+
+    def _settle(self) -> None:
+        settled = self._instance.settle()
+        if settled.terminate:
+            raise _Terminated
+        self._event_time = settled.next_event
