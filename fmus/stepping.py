@@ -83,6 +83,7 @@ class RunStatus(Enum):
     CRASHED = "the FMU crashed its process"
     EXITED = "the FMU ended its process"
     HUNG = "the FMU did not answer in time"
+    MEMORY = "the FMU used up the memory that it may have"
     TERMINATED = "the FMU asked to end the run early"
     FAILED = "the run could not be carried out"
 

@@ -34,6 +34,7 @@ MESSAGES = {
     "fatal": ("fatal", "Fatal"),
     "fixed_step": ("failed", "steps of one size only"),
     "hang": ("hung", "no answer within"),
+    "leak": ("memory", "of the 256 MiB that it may have"),
     "nan": ("not_finite", "nan"),
     "quit": ("exited", "exit code"),
     "segfault": ("crashed", "SIGSEGV"),
@@ -43,7 +44,7 @@ MESSAGES = {
 
 
 def test_every_fault_is_known_here() -> None:
-    assert set(FAULTS) - set(MESSAGES) == {"flood"}, "which only prints, and finishes"
+    assert set(FAULTS) - set(MESSAGES) == {"flood", "fill"}, "the one only prints, and finishes; the other fills the disk up to a limit"
 
 
 @pytest.mark.parametrize("fault", sorted(MESSAGES))
@@ -51,6 +52,8 @@ def test_an_fmu_that_fails_is_an_error_that_names_the_run_and_no_pass(tmp_path: 
     file = small_study(tmp_path, samples=2, fmu=str(build_fault(fault)))
     if fault == "hang":
         file.write_text(file.read_text().replace("timeout = 20", "timeout = 0.5"))
+    if fault == "leak":
+        file.write_text(file.read_text().replace("timeout = 20", "timeout = 20\nmemory = 256"))
     done = run("verify", file, "--out", tmp_path / "out", "--jobs", "2", "--json")
     assert done.exit_code == 3
     record = json.loads(done.stdout)
