@@ -15,7 +15,8 @@ from fmus.descriptions import Description, read_description
 from fmus.errors import ArchiveError, DescriptionError, PlatformError
 
 MAX_TOTAL = 2**30  # bytes unpacked: real FMUs with a solver and tables stay below some hundred MB
-MAX_DESCRIPTION = 2**28  # bytes of modelDescription.xml: 10⁵ variables are about 50 MB
+MAX_DESCRIPTION = 2**26  # bytes of modelDescription.xml: 10⁵ variables are 20 to 50 MB, and while they are read 25 times that
+MAX_TWIN = 2**20  # bytes
 MAX_MEMBERS = 100_000
 MAX_RATIO = 200  # C sources and XML pack 5 to 20 times, tables of zeros up to 1000: only large archives are refused for it
 RATIO_FREE = 2**26  # bytes unpacked below which the ratio does not matter
@@ -112,6 +113,8 @@ def open_archive(path: Path | str) -> Fmu:
                     raise ArchiveError(f"{path}: modelIdentifier {identifier!r} is no C identifier, so it cannot name the binary safely")
             binaries = tuple((i, m) for i in identifiers if (m := _binary(i, members)) is not None)
             binary_digest = hashlib.sha256(archive.read(binaries[0][1])).hexdigest() if binaries else None
+            if TWIN in members and members[TWIN].file_size > MAX_TWIN:
+                raise ArchiveError(f"{path}: {TWIN} of {members[TWIN].file_size} bytes is too large")
             twin = archive.read(TWIN).decode() if TWIN in members else None
     except (zipfile.BadZipFile, NotImplementedError, EOFError, UnicodeDecodeError) as problem:
         raise ArchiveError(f"{path} is no intact FMU (a zip file): {problem}") from None

@@ -19,11 +19,14 @@ from pathlib import Path
 from typing import IO, Any
 
 from fmus.archives import Fmu
+from fmus.confinement import MEBIBYTE, Confinement, in_force, signal_of, wrapped
 from fmus.errors import FmuError
 from fmus.isolated import frame, read_frame
 from fmus.stepping import RunStatus
 
 OUTPUT_LIMIT = 2**16  # bytes kept of what an FMU prints in one run
+NEARLY = 0.9  # of the memory that it may have: a process that fails with that much has failed for the lack of more
+LOOK = 0.2  # seconds between two looks at a child that does not answer
 START_TIMEOUT = 60.0  # seconds for a new child to say that it is ready, generous for a loaded machine
 
 
@@ -41,7 +44,8 @@ class Answer:
 class Child:
     """The process, its folder and its pipes."""
 
-    def __init__(self) -> None:
+    def __init__(self, confinement: Confinement | None = None) -> None:
+        self.confinement = in_force(confinement or Confinement())
         self.folder = Path(tempfile.mkdtemp(prefix="slewcert-"))
         self.runs = 0
         self._unpacked: set[str] = set()
@@ -49,9 +53,11 @@ class Child:
         work.mkdir()
         root = str(Path(__file__).resolve().parent.parent)
         path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+        limits = [str(self.confinement.memory), str(self.confinement.file_size)]
+        command = [sys.executable, "-P", "-m", "fmus.isolated", str(self.folder), *limits]
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "fmus.isolated", str(self.folder)],
+                wrapped(command, self.folder, work, self.confinement),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -66,18 +72,19 @@ class Child:
         assert process.stdout is not None
         assert process.stderr is not None
         self._finalizer = weakref.finalize(self, _end, process, self.folder)
+        self._peak = 0  # bytes of memory, known when it has ended
         self._inbox: queue.SimpleQueue[tuple[dict[str, Any], bytes] | None] = queue.SimpleQueue()
         self._reader = threading.Thread(target=_receive, args=(process.stdout, self._inbox), daemon=True)
         self._reader.start()
         self._printed = _Printed(process.stderr)
-        ready = self._await(Answer(RunStatus.FAILED, ""), time.monotonic() + START_TIMEOUT)
+        ready = self._await(Answer(RunStatus.FAILED, ""), time.monotonic() + START_TIMEOUT, _Patience(None, None))
         if ready is None or ready.get("status") != "READY":
             self.stop()
             raise FmuError(f"the child process for the FMU did not start: {self._printed.text()[-2000:] or 'no message'}")
 
     @property
     def alive(self) -> bool:
-        return self._finalizer.alive and self._process.poll() is None
+        return self._finalizer.alive and not self._gone()
 
     def place(self, fmu: Fmu) -> Path:
         return self.folder / fmu.sha256[:32]
@@ -100,18 +107,21 @@ class Child:
         answer = Answer(RunStatus.FAILED, "")
         # A child that hangs does not read, and a pipe holds little: write beside the clock, not before it.
         threading.Thread(target=self._send, args=(frame(request, raw),), daemon=True).start()
-        reply = self._await(answer, deadline)
+        patience = _Patience(request.get("progress"), self.confinement.step)
+        reply = self._await(answer, deadline, patience)
         if reply is not None:
             answer.status, answer.detail, answer.reply = RunStatus[reply["status"]], reply["detail"], reply
             self._printed.marked.wait(5.0)
-        elif self._process.poll() is None and time.monotonic() >= deadline:
+        elif not self._gone() and (patience.over or time.monotonic() >= deadline):
             answer.status, answer.detail = RunStatus.HUNG, f"no answer within {timeout:g} s"
+            if patience.over:
+                answer.detail = f"a step took longer than {patience.limit:g} s"
             self._kill()
         else:
-            code = self._ended()
+            code = signal_of(self._ended(), self.confinement)
             self._kill()
             self._drain_messages(answer)
-            answer.status, answer.detail = _judge_exit(code)
+            answer.status, answer.detail = self._judge(code)
         answer.printed = self._printed.text()
         return answer
 
@@ -132,14 +142,14 @@ class Child:
             self._process.stdin.write(data)
             self._process.stdin.flush()
 
-    def _await(self, answer: Answer, deadline: float) -> dict[str, Any] | None:
+    def _await(self, answer: Answer, deadline: float, patience: _Patience) -> dict[str, Any] | None:
         """The reply; messages on the way are collected. None when the child dies or the time is up."""
         while True:
             try:
-                item = self._inbox.get(timeout=min(max(deadline - time.monotonic(), 0.0), 0.2))
+                item = self._inbox.get(timeout=min(max(deadline - time.monotonic(), 0.0), patience.look))
             except queue.Empty:
                 # The end of the stream may never come if the FMU has started a process that holds the pipe.
-                if time.monotonic() >= deadline or self._process.poll() is not None:
+                if time.monotonic() >= deadline or self._gone() or patience.ends():
                     return None
                 continue
             if item is None:
@@ -159,10 +169,57 @@ class Child:
                 answer.messages.append(tuple(item[0]["message"]))
 
     def _ended(self) -> int:
+        deadline = time.monotonic() + 5.0
+        while not self._gone():
+            if time.monotonic() >= deadline:  # the FMU closed the pipe, but lives on
+                return 0
+            time.sleep(0.001)
+        return self._process.returncode or 0
+
+    def _gone(self) -> bool:
+        """Whether the process has ended; if so its memory is known, which waiting for it in the usual way would not tell."""
+        process = self._process
+        if process.returncode is not None or os.name != "posix":
+            return process.poll() is not None
         try:
-            return self._process.wait(5.0)
-        except subprocess.TimeoutExpired:  # the FMU closed the pipe, but lives on
-            return 0
+            pid, status, usage = os.wait4(process.pid, os.WNOHANG)
+        except ChildProcessError:  # somebody else has waited for it
+            return process.poll() is not None
+        if pid:
+            process.returncode = os.waitstatus_to_exitcode(status)
+            self._peak = usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+        return bool(pid)
+
+    def _judge(self, code: int) -> tuple[RunStatus, str]:
+        status, detail = _judge_exit(code)
+        if self._peak >= NEARLY * self.confinement.memory:
+            used, limit = self._peak / MEBIBYTE, self.confinement.memory / MEBIBYTE
+            return RunStatus.MEMORY, f"{used:.0f} of the {limit:.0f} MiB that it may have, then {detail}"
+        return status, detail
+
+
+class _Patience:
+    """How long a single step may take: the count of rows, which the child writes to a file that both map, has to go on."""
+
+    def __init__(self, progress: str | None, limit: float | None) -> None:
+        self.limit = limit if progress is not None and limit is not None else float("inf")
+        self.look = min(LOOK, self.limit / 4.0)
+        self.over = False
+        self._file, self._seen, self._since = progress, b"", time.monotonic()
+
+    def ends(self) -> bool:
+        """Whether the present step has taken too long."""
+        if self._file is None or self.limit == float("inf"):
+            return False
+        try:
+            with open(self._file, "rb") as file:
+                count = file.read(8)
+        except OSError:
+            return False
+        if count != self._seen:
+            self._seen, self._since = count, time.monotonic()
+        self.over = time.monotonic() - self._since > self.limit
+        return self.over
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:

@@ -13,7 +13,7 @@ from fmus.errors import CallFailed, FmuError
 from fmus.events import Interruption, Steps
 from fmus.instances import Instance
 from fmus.interfaces import Instance2, Instance3
-from fmus.sessions import Messages, Progress, Request, create, failed, prepare
+from fmus.sessions import Messages, Progress, Request, create, driver, failed, prepare
 
 HALVINGS = 10  # of a step that the FMU discards: 2^-10 of a communication step is as short as any FMU asked for in earnest
 SAME = 1e-12  # of a step: an early return nearer to its end than this was at its end
@@ -58,7 +58,7 @@ def _attempt(request: Request, raw: bytes, messages: Messages, copies: bool) -> 
         read = instance.reader([tuple(o) for o in request["outputs"]], progress.address)
         stepping = _Stepping(instance, request, messages, copies)
         if supply:
-            supply.instance = instance
+            supply.instance, supply.assign = instance, driver(instance, request)
         stepping.begin(read)
         count.value = 1
         applied, sloped = None, 0.0
@@ -93,7 +93,7 @@ class _Supply:
 
         self.required = (request["input"][1],)
         self.instance: Instance | None = None
-        self._input = tuple(request["input"])
+        self.assign: Callable[[float], None] = lambda value: None
         self._pieces = Command.from_dict(request["command"]).pieces(request["initial_input"])
         self._starts = [piece.start for piece in self._pieces]
         self._piece = None
@@ -107,17 +107,17 @@ class _Supply:
         """Set the input to what the command is at `time` [s]."""
         assert self.instance is not None
         assert self._piece is not None
-        self.instance.set(self._input, self._piece(time))
+        self.assign(self._piece(time))
 
 
 class _Stepping:
     """The steps of one instance."""
 
     def __init__(self, instance: Instance, request: Request, messages: Messages, copies: bool) -> None:
-        kind, reference = request["input"]
+        reference = request["input"][1]
         self._instance, self._messages = instance, messages
         self._step: Callable[[float, float], Interruption | None] = instance.stepper()
-        self._assign = instance.setter(kind, reference)
+        self._assign = driver(instance, request)
         self._tilt = instance.ramp(reference) if isinstance(instance, Instance2) and request["ramps"] else None
         self._events = instance if isinstance(instance, Instance3) and request["event_mode"] else None
         self._keep, self._back = instance.keeper() if isinstance(instance, Instance2) and copies else (None, None)

@@ -4,61 +4,20 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
-from xml.parsers import expat
 
 from fmus.errors import DescriptionError
+from fmus.markup import read_markup
+from fmus.variables import NUMBER_TYPES, DisplayUnit, Unit, Value, Variable, element_indices
 
 if TYPE_CHECKING:
     from fmus.instances import ModelDescription, ModelVariable, RawUnit
 
-REAL_TYPES = ("Real", "Float64", "Float32")
-NUMBER_TYPES = (
-    *REAL_TYPES,
-    *("Integer", "Enumeration", "Boolean"),
-    *("Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64"),
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Unit:
-    """A unit in SI base units: `factor · base + offset`; `exponents` such as (("kg", 1), ("m", 1), ("s", -2))."""
-
-    name: str
-    exponents: tuple[tuple[str, int], ...]
-    factor: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Variable:
-    """One variable of the FMU. `start` is in `unit`; `derivative_of` names the state whose time derivative this is."""
-
-    name: str
-    causality: str
-    variability: str
-    type: str
-    unit: str
-    start: float | str | None
-    value_reference: int
-    description: str = ""
-    initial: str | None = None
-    nominal: float = 1.0
-    shape: tuple[int, ...] = ()
-    derivative_of: str | None = None
-    intermediate: bool = False  # can be set within a step (FMI 3.0)
-
-    @property
-    def is_number(self) -> bool:
-        """Whether it is one number (no text, clock or array), so that it can be logged."""
-        return self.type in NUMBER_TYPES and not self.shape
-
-    @property
-    def is_real(self) -> bool:
-        """Whether it is one floating-point number."""
-        return self.type in REAL_TYPES and not self.shape
+INTERFACES = ("CoSimulation", "ModelExchange", "ScheduledExecution")
+SETTABLE = ("parameter", "structuralParameter", "input")
+"""Causalities of what a study may set before a run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +63,14 @@ class Description:
     default_tolerance: float | None = None
     units: tuple[Unit, ...] = ()
     log_categories: tuple[str, ...] = ()
+    interfaces: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = ()
+    """Every interface as written: its element's name and its attributes."""
     states: tuple[tuple[str, str], ...] = ()
     """Name of each continuous state and of its derivative, in the order of the FMU's state vector."""
+    _by_name: dict[str, Variable] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_by_name", {variable.name: variable for variable in reversed(self.variables)})
 
     @property
     def grid_step(self) -> float | None:
@@ -121,12 +86,34 @@ class Description:
         """The variables' names, all or those of one causality."""
         return tuple(v.name for v in self.variables if causality in (None, v.causality))
 
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The continuous states one by one, in the order of the FMU's state vector: arrays element by element."""
+        return tuple(name for state, _ in self.states for name in self.find(state).elements)
+
+    def resized(self, values: Mapping[str, Value]) -> Description:
+        """The description with those of `values` that set structural parameters: they become start values, and arrays get their sizes."""
+        named = [(self._by_name[name], value) for name, value in values.items() if name in self._by_name]
+        changed = {v.name: float(v.number(value)) for v, value in named if v.causality == "structuralParameter"}
+        if not changed:
+            return self
+        sizes = {v.name: changed.get(v.name, v.start) for v in self.variables if v.causality == "structuralParameter"}
+
+        def size(dimension: int | str) -> int:
+            return dimension if isinstance(dimension, int) else int(float(sizes[dimension] or 0.0))
+
+        variables = (replace(v, start=changed[v.name]) if v.name in changed else v for v in self.variables)
+        return replace(self, variables=tuple(v.resized(tuple(map(size, v.dimensions))) for v in variables))
+
     def find(self, name: str, causality: str | None = None) -> Variable:
-        """The variable of that name; `DescriptionError` with the nearest names, or if its causality is another one."""
-        for variable in self.variables:
-            if variable.name == name:
-                break
-        else:
+        """The variable of that name, or an array's element ("x[2]", "A[1,3]", counted from 1).
+
+        `DescriptionError` with the nearest names, or if its causality is another one.
+        """
+        variable = self._by_name.get(name)
+        if variable is None and (parts := element_indices(name)) and (array := self._by_name.get(parts[0])):
+            variable = array.at(parts[1])
+        if variable is None:
             raise DescriptionError(f"{self.model_name} has no variable {name!r}{self._suggestion(name, causality)}")
         if causality is not None and variable.causality != causality:
             raise DescriptionError(
@@ -134,13 +121,24 @@ class Description:
             )
         return variable
 
-    def settable_parameter(self, name: str, driven: str = "") -> Variable:
+    def settable(self, name: str, driven: str = "") -> Variable:
         """The variable of that name that can be set before the run and keeps its value: a parameter, or an input that is not `driven`."""
         variable = self.find(name)
-        if variable.causality != "input" or name == driven:
-            variable = self.find(name, "parameter")
-        if not variable.is_number:
-            raise DescriptionError(f"parameter {name!r} is of type {variable.type}; only single numbers can be set")
+        if variable.causality not in SETTABLE or name == driven:
+            variable = self.find(name, "parameter")  # which says what there is
+        if variable.type not in NUMBER_TYPES:
+            raise DescriptionError(
+                f"{variable.causality} {name!r} is of type {variable.type} and keeps its start value; "
+                "only numbers, Booleans and enumerations can be set"
+            )
+        return variable
+
+    def settable_parameter(self, name: str, driven: str = "") -> Variable:
+        """`settable`, and a single number."""
+        variable = self.settable(name, driven)
+        if variable.dimensions:
+            hint = f"name one element, such as {_first(variable)}"
+            raise DescriptionError(f"{variable.causality} {name!r} is of type {variable.kind}; {hint}")
         return variable
 
     def settable_state(self, name: str) -> Variable:
@@ -158,14 +156,16 @@ class Description:
         """The input of that name that a command can drive: a single real number."""
         variable = self.find(name, "input")
         if not variable.is_real:
-            raise DescriptionError(f"input {name!r} is of type {variable.type}; a command drives a single real input")
+            hint = f"; name one element, such as {_first(variable)}" if variable.dimensions else ""
+            raise DescriptionError(f"input {name!r} is of type {variable.kind}; a command drives a single real input{hint}")
         return variable
 
     def readable(self, name: str) -> Variable:
         """The variable of that name that can be logged: a single number."""
         variable = self.find(name)
         if not variable.is_number:
-            raise DescriptionError(f"{name!r} is of type {variable.type}{list(variable.shape) or ''}; only single numbers can be logged")
+            hint = f"; name one element, such as {_first(variable)}" if variable.dimensions and variable.type in NUMBER_TYPES else ""
+            raise DescriptionError(f"{name!r} is of type {variable.kind}; only single numbers can be logged{hint}")
         return variable
 
     def _suggestion(self, name: str, causality: str | None) -> str:
@@ -176,6 +176,10 @@ class Description:
             return "; did you mean " + " or ".join(map(repr, near)) + "?"
         listed = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
         return f"; its {what} are: {listed}" if names else f"; it has no {what}"
+
+
+def _first(array: Variable) -> str:
+    return array.elements[0] if array.size else f"{array.name}[1]"
 
 
 def read_description(xml: bytes) -> Description:
@@ -195,7 +199,10 @@ def read_description(xml: bytes) -> Description:
     cs, me = raw.coSimulation, raw.modelExchange
     either = cs or me
     if either is None:
-        raise DescriptionError(f"{raw.modelName} offers scheduled execution only; Co-Simulation or Model Exchange is needed")
+        tool = raw.generationTool or "its tool"
+        raise DescriptionError(
+            f"{raw.modelName} offers scheduled execution only; Co-Simulation or Model Exchange is needed: export it anew from {tool}"
+        )
     fixed = _number(cs.fixedInternalStepSize) if cs else None
     capabilities = Capabilities(
         co_simulation=cs.modelIdentifier if cs else None,
@@ -226,6 +233,7 @@ def read_description(xml: bytes) -> Description:
         default_tolerance=_number(experiment.tolerance) if experiment else None,
         units=tuple(_unit(u) for u in raw.unitDefinitions),
         log_categories=tuple(category.name for category in raw.logCategories),
+        interfaces=tuple((name, tuple(interfaces[name].items())) for name in INTERFACES if name in interfaces),
         states=tuple(_states(raw)),
     )
 
@@ -242,17 +250,27 @@ def _unit(raw: RawUnit) -> Unit:
     base = raw.baseUnit
     powers = tuple((symbol, int(getattr(base, symbol, 0))) for symbol in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
     factor, offset = float(getattr(base, "factor", 1.0)), float(getattr(base, "offset", 0.0))
-    return Unit(raw.name or "", tuple(p for p in powers if p[1]), factor, offset)
+    shown = tuple(DisplayUnit(d.name or "", float(d.factor), float(d.offset)) for d in raw.displayUnits)
+    return Unit(raw.name or "", tuple(p for p in powers if p[1]), factor, offset, shown, base is not None)
 
 
 def _variable(raw: ModelVariable, intermediate: bool) -> Variable:
     declared = raw.declaredType
+    numeric = raw.type in NUMBER_TYPES
     start: float | str | None = raw.start
-    if raw.start in ("true", "false"):
-        start = float(raw.start == "true")
-    elif raw.start is not None and raw.type in NUMBER_TYPES and not raw.shape:
-        start = _number(raw.start)
+    starts: tuple[float, ...] = ()
+    if numeric and raw.dimensions:
+        # One value stands for all of them.
+        given = [_start(word) for word in (raw.start or "").split()]
+        starts, start = tuple(x for x in given if x is not None), None
+        shape = tuple(raw.shape or ())
+        starts = starts * math.prod(shape) if len(starts) == 1 else starts if len(starts) == math.prod(shape) else ()
+    elif numeric and raw.start is not None:
+        start = _start(raw.start)
     nominal = _number(raw.nominal) or (_number(declared.nominal) if declared else None)
+    items = tuple((item.name or "", int(item.value or 0)) for item in declared.items) if declared else ()
+    limits = (_number(own if own is not None else getattr(declared, key, None)) for key, own in (("min", raw.min), ("max", raw.max)))
+    minimum, maximum = limits
     return Variable(
         name=raw.name,
         causality=raw.causality,
@@ -267,7 +285,17 @@ def _variable(raw: ModelVariable, intermediate: bool) -> Variable:
         shape=tuple(raw.shape or ()),
         derivative_of=raw.derivative.name if raw.derivative is not None else None,
         intermediate=intermediate,
+        dimensions=tuple(d.variable.name if d.variable is not None else int(d.start) for d in raw.dimensions),
+        starts=starts,
+        items=items if raw.type == "Enumeration" else (),
+        minimum=minimum if numeric else None,
+        maximum=maximum if numeric else None,
+        display_unit=raw.displayUnit or (declared.displayUnit if declared else None) or "",
     )
+
+
+def _start(word: str) -> float | None:
+    return float(word == "true") if word in ("true", "false") else _number(word)
 
 
 def _number(text: str | float | None) -> float | None:
@@ -286,33 +314,16 @@ def _interfaces(xml: bytes, intermediate: set[str]) -> dict[str, dict[str, str]]
     `intermediate` receives the variables that can be set within a step, an attribute that the parser does not know.
     """
     found: dict[str, dict[str, str]] = {}
-    depth = 0
 
-    def refuse(*_: object) -> None:
-        raise DescriptionError("modelDescription.xml has a DOCTYPE, which an FMU does not need and which could pull in other files")
-
-    def start(name: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
+    def start(name: str, attributes: dict[str, str], depth: int) -> None:
         if depth == 0:
             _check_root(name, attributes)
         elif depth == 1:
             found[name] = attributes
         elif depth == 2 and attributes.get("intermediateUpdate") in ("true", "1"):
             intermediate.add(attributes.get("name", ""))
-        depth += 1
 
-    def end(_: str) -> None:
-        nonlocal depth
-        depth -= 1
-
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler = start
-    parser.EndElementHandler = end
-    try:
-        parser.Parse(xml, True)
-    except expat.ExpatError as problem:
-        raise DescriptionError(f"modelDescription.xml is no well-formed XML: {problem}") from None
+    read_markup(xml, "modelDescription.xml", start)
     return found
 
 
@@ -321,4 +332,5 @@ def _check_root(name: str, attributes: dict[str, str]) -> None:
     if name != "fmiModelDescription":
         raise DescriptionError(f"modelDescription.xml starts with <{name}>, not <fmiModelDescription>")
     if version != "2.0" and not version.startswith("3."):
-        raise DescriptionError(f"FMI version {version or 'missing'} is not supported; 2.0 and 3.0 are")
+        model, tool = attributes.get("modelName", "this FMU"), attributes.get("generationTool", "its tool")
+        raise DescriptionError(f"FMI version {version or 'missing'} is not supported; 2.0 and 3.0 are: export {model} anew from {tool}")

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from fmus.errors import CallFailed, FmuError
 from fmus.instances import Instance
 from fmus.integration import Integrator, IntegratorError
-from fmus.sessions import Messages, Progress, Request, create, failed, prepare
+from fmus.sessions import Messages, Progress, Request, create, driver, failed, prepare
 from relaxations.commands import Command, Piece
 
 Array = NDArray[np.float64]
@@ -214,7 +214,6 @@ class _Model:
 
     def __init__(self, instance: Instance, request: Request) -> None:
         self._instance = instance
-        self._kind, self._reference = request["input"]
         self.initial_input: float = request["initial_input"]
         self.piece = Piece(0.0, self.initial_input)
         self.time = 0.0
@@ -223,7 +222,7 @@ class _Model:
         # CVODE has no systems without states: one that stands still takes their place.
         self._x, self._dx, self._z = ((c_double * max(n, 1))() for n in (self._n, self._n, self._indicators))
         self._x_view, self._dx_view, self._z_view = (np.ctypeslib.as_array(buffer) for buffer in (self._x, self._dx, self._z))
-        self._set_input: Callable[[float], None] = instance.setter(self._kind, self._reference)
+        self._set_input: Callable[[float], None] = driver(instance, request)
 
     def states(self) -> Array:
         """The FMU's continuous states, at least one."""

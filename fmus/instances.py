@@ -10,6 +10,7 @@ standard library until a function needs more.
 from __future__ import annotations
 
 import ctypes
+import itertools
 import math
 import os
 import sys
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 
 Log = Callable[[str, str], None]
-Typed = tuple[str, int]
-"""A variable's type and value reference."""
+Typed = tuple[str, int] | tuple[str, int, int, int]
+"""A variable's type and value reference; for one element of an array also the array's size and the element's place in it, from 0."""
 Number = type[ctypes._SimpleCData]
 """The C type of a variable's values."""
 
@@ -133,35 +134,53 @@ class Instance(ABC):
             handle, self._handle = self._handle, None
             self.function("FreeInstance", restype=None)(handle)
 
-    def set(self, variable: Typed, value: float) -> None:
-        """Set one number."""
-        kind, reference = variable
-        self.setter(kind, reference)(value)
-
-    def setter(self, kind: str, reference: int) -> Callable[[float], None]:
-        """A fast function that sets one variable."""
+    def set(self, variable: Typed, value: float | Sequence[float]) -> None:
+        """Set one number, or all numbers of an array (value reference of the array, row-major)."""
+        kind, reference, *element = variable
+        values = [value] if isinstance(value, int | float) else list(value)
+        if element:
+            self.setter(kind, reference, tuple(element))(values[0])
+            return
         suffix, ctype = self._type(kind)
+        cells = (ctype * max(len(values), 1))(*(_cell(ctype, x) for x in values))
+        self.call(f"Set{suffix}", (c_uint * 1)(reference), 1, cells, *self._count(len(values)))
+
+    def setter(self, kind: str, reference: int, element: Sequence[int] = (), others: Sequence[float] = ()) -> Callable[[float], None]:
+        """A fast function that sets one variable.
+
+        Of an array only the `element` (size, place) changes, and the others keep the values `others` (size,): FMI sets arrays as a whole.
+        """
+        suffix, ctype = self._type(kind)
+        size, place = element or (1, 0)
         function, handle = self.function(f"Set{suffix}"), self._handle
-        references, box = (c_uint * 1)(reference), (ctype * 1)()
+        references, box = (c_uint * 1)(reference), (ctype * size)(*(_cell(ctype, x) for x in others))
         whole = ctype is not c_double and ctype is not ctypes.c_float
-        arguments = (handle, references, 1, box, *self._count(1))
+        arguments = (handle, references, 1, box, *self._count(size))
         name = f"{self.prefix}Set{suffix}"
 
         def assign(value: float) -> None:
-            box[0] = round(value) if whole else value
+            box[place] = round(value) if whole else value
             status = function(*arguments)
             if status:
                 self.judge(name, status)
 
         return assign
 
+    def configure(self, parameters: Sequence[tuple[str, int, float]]) -> None:
+        """Set structural parameters (FMI 3.0), right after `instantiate`: arrays then have the sizes that follow."""
+        if parameters:
+            self.call("EnterConfigurationMode")
+            for kind, reference, value in parameters:
+                self.set((kind, reference), value)
+            self.call("ExitConfigurationMode")
+
     def reader(self, variables: Sequence[Typed], address: int) -> Callable[[int], None]:
         """A function that reads the variables into row `i` of a block of float64 rows at `address`."""
         width = len(variables)
         groups: dict[str, list[int]] = {}
-        for column, (kind, _) in enumerate(variables):
+        for column, (kind, *_) in enumerate(variables):
             groups.setdefault(kind, []).append(column)
-        parts = [self._reader(kind, [variables[c][1] for c in columns], columns, width, address) for kind, columns in groups.items()]
+        parts = [self._reader(kind, [variables[c] for c in columns], columns, width, address) for kind, columns in groups.items()]
         if len(parts) == 1:
             return parts[0]
 
@@ -171,11 +190,16 @@ class Instance(ABC):
 
         return read
 
-    def _reader(self, kind: str, references: list[int], columns: list[int], width: int, address: int) -> Callable[[int], None]:
+    def _reader(self, kind: str, variables: list[Typed], columns: list[int], width: int, address: int) -> Callable[[int], None]:
         suffix, ctype = self._type(kind)
-        function, handle, n = self.function(f"Get{suffix}"), self._handle, len(references)
-        refs, tail, name = (c_uint * n)(*references), self._count(n), f"{self.prefix}Get{suffix}"
-        if ctype is c_double and n == width:
+        sizes: dict[int, int] = {}  # of what is read, each array once
+        for _, reference, *element in variables:
+            sizes.setdefault(reference, element[0] if element else 1)
+        first = dict(zip(sizes, itertools.accumulate(sizes.values(), initial=0), strict=False))
+        places = [first[v[1]] + (v[3] if len(v) == 4 else 0) for v in variables]
+        function, handle, n, m = self.function(f"Get{suffix}"), self._handle, len(sizes), sum(sizes.values())
+        refs, tail, name = (c_uint * n)(*sizes), self._count(m), f"{self.prefix}Get{suffix}"
+        if ctype is c_double and places == list(range(width)) and m == width:
             stride = 8 * width
 
             def straight(row: int) -> None:
@@ -184,15 +208,15 @@ class Instance(ABC):
                     self.judge(name, status)
 
             return straight
-        buffer = (ctype * n)()
+        buffer = (ctype * m)()
 
         def copied(row: int) -> None:
             status = function(handle, refs, n, buffer, *tail)
             if status:
                 self.judge(name, status)
             cells = (c_double * width).from_address(address + 8 * width * row)
-            for column, value in zip(columns, buffer, strict=True):
-                cells[column] = value
+            for column, place in zip(columns, places, strict=True):
+                cells[column] = buffer[place]
 
         return copied
 
@@ -311,6 +335,10 @@ class Instance(ABC):
         self._handle = handle
 
 
+def _cell(ctype: Number, value: float) -> float:
+    return value if ctype is c_double or ctype is ctypes.c_float else round(value)
+
+
 _LETTERS = dict(v=c_void_p, s=c_char_p, d=c_double, i=c_int, b=c_bool, z=c_size_t, r=POINTER(c_uint))  # noqa: C408 - reads as a table
 
 
@@ -321,7 +349,8 @@ def load(library: Path) -> ctypes.CDLL:
             os.add_dll_directory(str(library.parent))
         return ctypes.CDLL(str(library))
     except OSError as problem:
-        raise FmuError(f"the FMU's binary cannot be loaded: {problem}") from None
+        words = str(problem).replace(str(library), library.name)  # its folder is another one in every run
+        raise FmuError(f"the FMU's binary cannot be loaded: {words}") from None
 
 
 def format_messages(callbacks: ctypes.Structure) -> None:

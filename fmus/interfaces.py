@@ -163,6 +163,8 @@ class Instance3(Instance):
         "InstantiateModelExchange": "sssbbvv",
         "FreeInstance": "v",
         "SetDebugLogging": "vbzv",
+        "EnterConfigurationMode": "v",
+        "ExitConfigurationMode": "v",
         "EnterInitializationMode": "vbddbd",
         "ExitInitializationMode": "v",
         "Terminate": "v",

@@ -22,7 +22,7 @@ from typing import IO
 
 from fmus import cosimulation
 from fmus.errors import CallFailed, FmuError
-from fmus.sessions import Messages, Request, create, prepare
+from fmus.sessions import Messages, Request, create, driver, prepare
 
 
 def read_frame(stream: IO[bytes]) -> tuple[Request, bytes] | None:
@@ -59,7 +59,7 @@ def linearize(request: Request, messages: Messages) -> Request:
     states, derivatives = request["states"], request["derivatives"]
     n, count = len(states), len(request["outputs"])
     outputs = [tuple(o) for o in request["outputs"]]
-    kind, reference = request["input"]
+    assign, reference = driver(instance, request), request["input"][1]
     x, u = instance.states(n), request["initial_input"]
     result = {"x": x, "rates": instance.rates(n), "y": instance.get(outputs), "method": "directional derivatives", "note": ""}
     columns: list[list[float]] = []
@@ -76,7 +76,7 @@ def linearize(request: Request, messages: Messages) -> Request:
 
         def evaluate(point: list[float]) -> list[float]:
             instance.set_states(point[:n]) if n else None
-            instance.set((kind, reference), point[n])
+            assign(point[n])
             return instance.rates(n) + instance.get(outputs)
 
         point = [*x, u]
@@ -126,21 +126,36 @@ def serve(requests: IO[bytes], replies: int, folder: str) -> None:
         except OSError as problem:  # on Windows an access violation inside the FMU arrives as this
             reply = {"status": "CRASHED", "detail": str(problem)}
         flush(None)  # what the FMU printed belongs before the mark
-        os.write(2, request["mark"].encode())
-        send(reply)
+        try:
+            os.write(2, request["mark"].encode())
+            send(reply)
+        except OSError:  # the parent is gone: the other thread cleans up and ends the process, so it must not end before
+            threading.Event().wait()
 
 
 def main() -> None:
-    """Take the standard streams away from the FMU, then serve; the argument is the folder to remove when the parent dies."""
+    """Take the standard streams away from the FMU, then serve.
+
+    The arguments are the folder to remove when the parent dies, and the limits of memory and of a file [bytes].
+    """
     requests, replies = os.fdopen(os.dup(0), "rb"), os.dup(1)
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.dup2(2, 1)
+    folder, memory, file_size = sys.argv[1], *map(int, sys.argv[2:])
     if os.name == "posix":
-        import resource
+        _limit(memory, file_size)
+    serve(requests, replies, folder)
 
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a crash is reported, its memory image helps nobody here
-    serve(requests, replies, sys.argv[1])
+
+def _limit(memory: int, file_size: int) -> None:
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a crash is reported, its memory image helps nobody here
+    for what, limit in ((resource.RLIMIT_DATA, memory), (resource.RLIMIT_FSIZE, file_size)):
+        hard = resource.getrlimit(what)[1]
+        least = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+        resource.setrlimit(what, (least, least))
 
 
 if __name__ == "__main__":

@@ -75,13 +75,21 @@ def create(request: Request, interface: str, log: Log, steps: Steps | None = Non
 
 
 def prepare(instance: Instance, request: Request) -> None:
-    """Set parameters and start values, initialise with the input at rest."""
+    """Set structural parameters, parameters and start values, initialise with the inputs at rest."""
+    instance.configure(request["structure"])
     for kind, reference, value in request["start"]:
         instance.set((kind, reference), value)
     instance.enter_initialization(request["stop"], request["tolerance"])
-    kind, reference = request["input"]
-    instance.set((kind, reference), request["initial_input"])
+    for kind, reference, value in request["inputs"]:
+        instance.set((kind, reference), value)
+    driver(instance, request)(request["initial_input"])
     instance.exit_initialization()
+
+
+def driver(instance: Instance, request: Request) -> Callable[[float], None]:
+    """A fast function that sets the input that the command drives; if it is an array's element, its neighbours keep what they have."""
+    kind, reference, *element = request["input"]
+    return instance.setter(kind, reference, element, request["neighbours"])
 
 
 def failed(problem: CallFailed, progress: Progress, times: array[float]) -> Request:

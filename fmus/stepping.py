@@ -98,6 +98,7 @@ class RunStatus(Enum):
     EXITED = "the FMU ended its process"
     HUNG = "the FMU did not answer in time"
     STUCK = "the integrator could not go on"
+    MEMORY = "the FMU used up the memory that it may have"
     TERMINATED = "the FMU asked to end the run early"
     FAILED = "the run could not be carried out"
 

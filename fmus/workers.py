@@ -18,8 +18,9 @@ from typing import Any, Self
 import numpy as np
 
 from fmus.archives import Fmu, open_archive
+from fmus.assignments import assignments, typed
 from fmus.children import Answer, Child
-from fmus.descriptions import Variable
+from fmus.confinement import Confinement
 from fmus.errors import FmuError, LinearizationError
 from fmus.plans import Misfit, Plan, plan
 from fmus.stepping import Experiment, LogLine, Outcome, RunStatus, Trajectory
@@ -34,8 +35,9 @@ class Worker:
         outcome = worker.run(experiment, timeout=60.0)
     """
 
-    def __init__(self) -> None:
-        """No process is started before the first run."""
+    def __init__(self, confinement: Confinement | None = None) -> None:
+        """No process is started before the first run; `confinement` limits it (None: the usual limits)."""
+        self._confinement = confinement
         self._child: Child | None = None
         self._opened: dict[Path, tuple[tuple[int, int], Fmu]] = {}
 
@@ -85,7 +87,7 @@ class Worker:
         description = fmu.description
         request = _request(fmu, "linearize", "model_exchange", input, outputs, parameters, initial_state, initial_input)
         states = [description.find(state) for state, _ in description.states]
-        if any(v.shape for v in states):
+        if any(v.dimensions for v in states):
             raise LinearizationError(f"{fmu.path.name} has arrays as states, which are not supported")
         request |= {
             "stop": None,
@@ -131,7 +133,7 @@ class Worker:
         once = fmu.description.capabilities.once_per_process
         if child is not None and (not child.alive or child.runs >= RECYCLE or (once and child.runs)):
             self.close()
-        child = self._child = self._child if self._child is not None else Child()
+        child = self._child = self._child if self._child is not None else Child(self._confinement)
         try:
             child.unpack(fmu)
             child.runs += 1
@@ -152,7 +154,7 @@ def _outcome(answer: Answer, content: bytes, planned: Plan, outputs: tuple[str, 
     count = min(max(int.from_bytes(content[:8], sys.byteorder, signed=True), 0), len(times))  # a wild FMU may have written over it
     values = np.frombuffer(content, dtype=float, offset=8)[: count * width].reshape(count, width)
     status, detail = answer.status, answer.detail
-    if status in (RunStatus.HUNG, RunStatus.CRASHED, RunStatus.EXITED):
+    if status in (RunStatus.HUNG, RunStatus.MEMORY, RunStatus.CRASHED, RunStatus.EXITED):
         detail += f", after {times[count - 1]:.9g} s" if count else ", before the first point"
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
@@ -176,14 +178,9 @@ def _request(
     initial_state: Mapping[str, float],
     initial_input: float,
 ) -> dict[str, Any]:
-    description = fmu.description
+    description = fmu.description.resized(parameters)
     if not outputs:
         raise FmuError("name at least one output to log")
-    for name, value in (*parameters.items(), *initial_state.items(), (input, initial_input)):
-        if not np.isfinite(value):
-            raise FmuError(f"{name!r} must be set to a finite number, not {value!r}")
-    start = [(description.settable_parameter(name, input), value) for name, value in parameters.items()]
-    start += [(description.settable_state(name), value) for name, value in initial_state.items()]
     return {
         "kind": kind,
         "sha256": fmu.sha256,
@@ -193,18 +190,6 @@ def _request(
         "name": getattr(description.capabilities, interface),
         "log_categories": description.log_categories,
         "tolerance": description.default_tolerance,
-        "start": [[v.type, v.value_reference, _settable(v, value)] for v, value in start],
-        "input": _typed(description.drivable_input(input)),
-        "initial_input": float(initial_input),
-        "outputs": [_typed(description.readable(name)) for name in outputs],
+        "outputs": [typed(description.readable(name)) for name in outputs],
+        **assignments(description, parameters, initial_state, input, initial_input),
     }
-
-
-def _typed(variable: Variable) -> list[str | int]:
-    return [variable.type, variable.value_reference]
-
-
-def _settable(variable: Variable, value: float) -> float:
-    if not variable.is_real and value != round(value):
-        raise FmuError(f"{variable.name!r} is of type {variable.type} and cannot be {value!r}")
-    return float(value)

@@ -64,6 +64,7 @@ def render(results: Mapping[str, Any], charts: Mapping[str, str]) -> str:
         command=_command(results["command"]),
         task=_task(results),
         runs=_runs(results),
+        units=[{**u, "value": formatting.with_unit(formatting.number(u["value"]), u["unit"])} for u in results.get("units", ())],
         charts={caption: Markup(svg) for caption, svg in charts.items()},  # their labels are escaped
     )
 
@@ -94,7 +95,7 @@ def _lead(results: Mapping[str, Any]) -> str:
 
 def _requirement(r: Mapping[str, Any]) -> dict[str, Any]:
     value = formatting.quantity(r["quantity"], r["value"], r["verdict"], (r["min"], r["max"]))
-    error = r["error"]
+    error, si = r["error"], r.get("si")
     return {
         "id": r["id"],
         "text": r["text"],
@@ -102,6 +103,8 @@ def _requirement(r: Mapping[str, Any]) -> dict[str, Any]:
         "scope": r["scope"],
         "limit": formatting.with_unit(formatting.bounds(r), r["unit"]),
         "value": formatting.with_unit(value, r["unit"]),
+        "si_limit": formatting.with_unit(formatting.bounds(si), si["unit"]) if si else "",
+        "si_value": formatting.with_unit(formatting.number(si["value"], (si["min"], si["max"])), si["unit"]) if si else "",
         "error": f"± {formatting.number(error, digits=2)}" if error else "",
         "margin": formatting.number(r["margin"], (0.0,), digits=3),
         "verdict": _verdict(r["verdict"]),

@@ -179,7 +179,7 @@ def carry_out(
 
     def worker() -> Worker:
         if not hasattr(local, "worker"):
-            local.worker = Worker()
+            local.worker = Worker(study.simulation.confinement)
             with lock:
                 workers.append(local.worker)
         return local.worker

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from decimal import Decimal, InvalidOperation
 from functools import wraps
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import click
 
@@ -23,6 +23,23 @@ USAGE, INCONCLUSIVE, FAILED, INTERRUPTED = 2, 3, 1, 130
 
 POSITIVE = click.FloatRange(0.0, 1e150, min_open=True)
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Write one JSON object to standard output and nothing else there.")
+
+
+def _choose_sandbox(context: click.Context, option: click.Parameter, value: Literal["none", "auto", "bwrap"]) -> None:
+    from fmus.confinement import choose_sandbox
+
+    with _user_errors():
+        choose_sandbox(value)
+
+
+SANDBOX = click.option(
+    "--sandbox",
+    type=click.Choice(("none", "auto", "bwrap")),
+    default="none",
+    expose_value=False,
+    callback=_choose_sandbox,
+    help="Run the FMU's code in a sandbox (bubblewrap): none, the default; auto: where that works; bwrap: or not at all.",
+)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -71,6 +88,7 @@ def _guarded(function: Callable[P, R]) -> Callable[P, R]:
 @click.option("--jobs", type=click.IntRange(1, 256), default=lambda: os.cpu_count() or 1, show_default="cores", help="Runs at a time.")
 @click.option("--resume", is_flag=True, help="Go on with a campaign that was cut short.")
 @click.option("--force", is_flag=True, help="Replace an evidence folder that exists.")
+@SANDBOX
 @AS_JSON
 @_guarded
 def verify(study: Path, out: Path | None, jobs: int, resume: bool, force: bool, as_json: bool) -> None:
@@ -99,6 +117,7 @@ def verify(study: Path, out: Path | None, jobs: int, resume: bool, force: bool, 
 @main.command()
 @click.argument("studies", nargs=-1, required=True, metavar="STUDY...", type=click.Path(path_type=Path))
 @click.option("--certificate", type=click.Path(path_type=Path), help="Write the proof to this file; of several studies, into this folder.")
+@SANDBOX
 @AS_JSON
 @_guarded
 def bound(studies: tuple[Path, ...], certificate: Path | None, as_json: bool) -> None:
@@ -234,7 +253,7 @@ def review(path: Path, as_json: bool) -> None:
 
 @main.group()
 def fmus() -> None:
-    """The plants shipped here."""
+    """Plants shipped here, and FMUs in general."""
 
 
 @fmus.command("list")
@@ -308,6 +327,27 @@ def fmus_export(source: Path, as_json: bool, **options: Any) -> None:
             click.echo(f"{path}: FMI {made.fmi_version} for {', '.join(made.platforms)}")
         if done.note:
             click.echo(done.note, err=True)
+
+
+@fmus.command("inspect")
+@click.argument("file", type=click.Path(path_type=Path))
+@AS_JSON
+@_guarded
+def fmus_inspect(file: Path, as_json: bool) -> None:
+    """Tell what the FMU in FILE holds, and what would prevent a run of it here; none of its code is loaded.
+
+    Exit code 0: it can be run here; 1: something prevents that; 2: bad input, an FMU that is refused everywhere.
+    """
+    from fmus.inspection import inspect
+    from suite import console
+    from suite.inspecting import inspection_record
+
+    found = inspect(file)
+    if as_json:
+        _print_json(inspection_record(found))
+    else:
+        console.show_inspection(found)
+    sys.exit(FAILED if found.obstacles else 0)
 
 
 def _print_json(record: Mapping[str, Any]) -> None:

@@ -16,10 +16,12 @@ from rich.table import Table
 
 from suite.campaign import RunResult
 from suite.evidence import number
+from suite.inspecting import summary, terminal_lines, variable_rows
 from suite.verification import Progress, Verification
 
 if TYPE_CHECKING:
     from fmus.catalogue import Entry
+    from fmus.inspection import Inspection
     from relaxations.commands import Tail
     from relaxations.plants import Pole
     from suite.collection import Bracketed
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from suite.simulation import Simulated
 
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
+MOST_VARIABLES = 100  # rows of a table on a terminal; FMUs have up to 100,000
 WIDTH = 140  # of tables that are written to a file or a pipe, where no terminal says how wide it is
 
 
@@ -90,6 +93,11 @@ def show_verification(done: Verification) -> None:
     console.print(f"runs: {runs['total']} in all, {runs['passed']} passed, {runs['failed']} failed, {runs['errors']} in error")
     for line in _worst_case(results):
         console.print(line, soft_wrap=True)
+    for entry in results["requirements"]:
+        if entry["si"]:
+            console.print(
+                escape(f"in SI units: {entry['id']}: {_short(entry['si']['value'])} {entry['si']['unit']}, {_limits(entry['si'])}")
+            )
     for note in results["notes"]:
         console.print(f"note: {escape(note)}", soft_wrap=True)
     console.print(f"report: {escape(str(done.report))}", soft_wrap=True)
@@ -199,6 +207,30 @@ def show_simulated(done: Simulated, output: str) -> None:
         console.print(table)
     if done.log is not None:
         console.print(f"log: {escape(str(done.log))}", soft_wrap=True)
+
+
+def show_inspection(found: Inspection) -> None:
+    """What the FMU is, its variables, its terminals, and what prevents or limits a run here."""
+    console = _out()
+    for name, value in summary(found):
+        console.print(f"{name:13} {escape(value)}", soft_wrap=True)
+    rows = variable_rows(found)
+    table = Table("variable", "causality", "variability", "type", "start", "unit")
+    for row in rows[:MOST_VARIABLES]:
+        table.add_row(*map(escape, row))
+    console.print(table)
+    if len(rows) > MOST_VARIABLES:
+        console.print(f"and {len(rows) - MOST_VARIABLES} more variables: --json lists all")
+    if found.terminals:
+        console.print("terminals:")
+        for line in terminal_lines(found.terminals, "  "):
+            console.print(escape(line), soft_wrap=True)
+    for note in found.notes:
+        console.print(f"note: {escape(note)}", soft_wrap=True)
+    for obstacle in found.obstacles:
+        console.print(f"[bold red]prevents a run here:[/] {escape(obstacle)}", soft_wrap=True)
+    if not found.obstacles:
+        console.print("nothing prevents a run here")
 
 
 def show_review(done: Review) -> None:

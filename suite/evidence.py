@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from fmus.confinement import in_force
 from relaxations.response import jumps
 from relaxations.sensitivity import residual
 from reports import charts, files, junit, layouts, logs, manifest, pages
@@ -19,8 +20,10 @@ from suite.checks import CERTIFICATE, size
 from suite.design import Design, bound_record
 from suite.observations import INPUT, observe
 from suite.quantities import Observation
+from suite.quantity_names import UnitKind
 from suite.study import Requirement, Study
 from suite.study_file import printable
+from suite.units import Scale, as_declared
 from suite.verdicts import Judgement, Measured, Verdict, judge_run, limit
 
 FORMAT = "slewcert-results/1"
@@ -82,7 +85,8 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         "command": None if design.command is None else design.command.to_dict(),
         "simulation": None if not runs else runs[0].simulation,
         "grid": None if design.sampled is None else {"step": design.sampled.step, "samples": design.sampled.samples},
-        "requirements": [_requirement(judgement) for judgement in judgements],
+        "confinement": _confinement(study),
+        "requirements": [_requirement(judgement, _si_scale(study, judgement.requirement)) for judgement in judgements],
         "runs": tally(runs),
         "run_table": [_run(result) for result in runs],
         "uncertainty": [
@@ -94,10 +98,23 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
             }
             for axis in study.uncertainties
         ],
+        "units": [{"path": c.path, "written": c.written, "value": float(c.value), "unit": c.unit} for c in study.conversions],
         "unproven": [*([BRACKETED.format(reason=design.bound.reason)] if design.bound.reason else []), *UNPROVEN],
         "trust_base": _trust_base(),
         "notes": [*study.notes, *design.notes, *design.plant.notes, *([] if study.requirements else [NO_REQUIREMENT])],
         "environment": environment(),
+    }
+
+
+def _confinement(study: Study) -> dict[str, Any]:
+    """The limits of the FMU's processes."""
+    limits = in_force(study.simulation.confinement)
+    return {
+        "timeout": study.simulation.timeout,
+        "step_timeout": limits.step,
+        "memory": limits.memory,
+        "file_size": limits.file_size,
+        "sandbox": limits.sandbox,
     }
 
 
@@ -118,8 +135,27 @@ def tally(runs: Sequence[RunResult]) -> dict[str, int]:
     return {"total": len(runs), "passed": verdicts.count("pass"), "failed": verdicts.count("fail"), "errors": verdicts.count("error")}
 
 
-def _requirement(judgement: Judgement) -> dict[str, Any]:
+def _si_scale(study: Study, requirement: Requirement) -> Scale | None:
+    """The unit of a requirement's quantity if it is the FMU's and no SI unit; None if there is nothing to add in SI."""
+    fmu, kind = study.plant.fmu, requirement.quantity.unit_kind
+    if fmu is None or kind in (UnitKind.NONE, UnitKind.SECOND):
+        return None
+    own = requirement.unit if kind is UnitKind.VARIABLE else study.plant.input_unit
+    declared = next((as_declared(unit) for unit in fmu.archive.description.units if unit.name == own), None)
+    if declared is None or declared.coherent:
+        return None
+    power = {UnitKind.INPUT_SECOND: 1, UnitKind.INPUT_PER_SECOND: -1}.get(kind)
+    return declared if power is None else declared.times(power, requirement.unit)
+
+
+def _requirement(judgement: Judgement, scale: Scale | None) -> dict[str, Any]:
     asked, measured = judgement.requirement, judgement.measured
+    difference = asked.quantity.name not in ("final", "peak_input")
+
+    def si(value: float | None) -> float | None:
+        return None if value is None or scale is None else number(scale.si(value, difference))
+
+    value = number(measured.value) if measured else None
     return {
         "id": asked.id,
         "text": asked.text,
@@ -128,7 +164,8 @@ def _requirement(judgement: Judgement) -> dict[str, Any]:
         "min": asked.minimum,
         "max": asked.maximum,
         "unit": asked.unit,
-        "value": number(measured.value) if measured else None,
+        "value": value,
+        "si": scale and {"value": si(value), "min": si(asked.minimum), "max": si(asked.maximum), "unit": scale.si_name},
         "error": number(measured.error) if measured else None,
         "limit": limit(asked, measured.value) if measured else (asked.maximum if asked.maximum is not None else asked.minimum),
         "margin": number(judgement.margin),

@@ -13,6 +13,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+from fmus.descriptions import Description, read_description
+from fmus.errors import FmuError
 from relaxations.errors import RelaxationsError
 from reports import files, logs, manifest
 from reports.errors import LogError, ManifestError, RecordError
@@ -25,6 +27,7 @@ from suite.quantities import evaluate
 from suite.quantity_names import Quantity, parse_quantity
 from suite.study import GRID, Requirement, Simulation, Uncertainty
 from suite.study_file import parse
+from suite.study_units import convert_units
 from suite.verdicts import Judgement, Measured, RunVerdict, Verdict, judge, overall
 
 MALFORMED = (
@@ -40,7 +43,7 @@ MALFORMED = (
 )
 """What reading a record of the wrong shape may raise: whoever changed a file chose what is in it."""
 
-STUDY = "study.toml"
+STUDY, DESCRIPTION = "study.toml", "modelDescription.xml"
 TOLERANCE = 1e-9  # relative: the same code on the same numbers differs by the last bits of another machine's library at most
 
 
@@ -127,7 +130,7 @@ def _review_log(name: str, log: RunLog) -> tuple[tuple[Row, ...], tuple[str, ...
         raise ValueError(f"nominal is {nominal!r}")
     simulated = not log.run["study_sha256"] and not requirements_in(log)  # by itself, for no study
     answered = {r.id: _question(r) for r in requirements_in(log)}
-    if not simulated and _asked(parse(Path(STUDY), log.attachments[STUDY]), log.run["output"]) != answered:
+    if not simulated and _asked(_study(log.attachments[STUDY], log.attachments.get(DESCRIPTION)), log.run["output"]) != answered:
         findings.append(f"{name}: the study that the log holds has other requirements")
     requirements = [r for r in requirements_in(log) if nominal or r.scope == "box"]
     missing = [r.id for r in requirements if recorded and str(r.quantity) not in recorded]
@@ -188,7 +191,7 @@ def _review_results(folder: Path, results: Mapping[str, Any]) -> tuple[tuple[Row
     findings: list[str] = []
     incomplete: list[str] = []
     seen: dict[str, dict[str, Measured]] = {}
-    study = parse(folder / STUDY, (folder / STUDY).read_bytes())
+    study = _study((folder / STUDY).read_bytes(), _described(folder))
     findings += _missing_runs(results, study)
     for entry in results["run_table"]:
         name = entry["run"]
@@ -294,6 +297,23 @@ Question = tuple[str, float | None, float | None, str]
 
 def _question(requirement: Requirement) -> Question:
     return str(requirement.quantity), requirement.minimum, requirement.maximum, requirement.scope
+
+
+def _study(source: bytes, description: bytes | None) -> dict[str, Any]:
+    """The study's table in plain numbers; units of variables are those of the FMU's `description` (modelDescription.xml)."""
+
+    def described() -> Description | None:
+        try:
+            return None if description is None else read_description(description)
+        except FmuError as problem:
+            raise ValueError(str(problem)) from None
+
+    return convert_units(parse(Path(STUDY), source), described)[0]
+
+
+def _described(folder: Path) -> bytes | None:
+    path = folder / "plant" / DESCRIPTION
+    return path.read_bytes() if path.is_file() else None
 
 
 def _asked(study: Mapping[str, Any], output: str) -> dict[str, Question]:

@@ -75,7 +75,7 @@ class Plant(Section):
     input: Text | None = None
     output: Text | None = None
     outputs: Annotated[dict[Text, Numbers], Named] | None = None
-    parameters: Annotated[dict[Text, Number], Named] | None = None
+    parameters: Annotated[dict[Text, Annotated[Any, BeforeValidator(values.setting)]], Named] | None = None
     initial: Initial | None = None
 
 
@@ -140,6 +140,8 @@ class Simulation(Section):
     step: Positive | None = None
     observe: Positive | None = None
     timeout: Positive | None = None
+    step_timeout: Positive | None = None
+    memory: Annotated[Count, AfterValidator(values.mebibytes)] | None = None
     seed: Natural | None = None
     interface: Literal["co-simulation", "model-exchange"] | None = None
 

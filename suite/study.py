@@ -13,6 +13,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from fmus.confinement import Confinement
 from relaxations.commands import Command
 from suite.quantity_names import Quantity
 
@@ -135,6 +136,7 @@ class Simulation:
     """How runs are simulated: communication `step`, window `observe` (None: chosen from the modes), `timeout` of one run; all [s].
 
     `interface` None is co-simulation where the FMU offers it.
+    `confinement` limits the FMU's process: its memory, and the wall-clock time of a single step.
     """
 
     step: float | None = None
@@ -142,6 +144,7 @@ class Simulation:
     timeout: float = 60.0
     seed: int = 0
     interface: Literal["co-simulation", "model-exchange"] | None = None
+    confinement: Confinement = field(default_factory=Confinement)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,8 +180,21 @@ class Requirement:
 
 
 @dataclass(frozen=True, slots=True)
+class Conversion:
+    """A value that was written with a unit: its place, the text, and the number in the unit that it is used in."""
+
+    path: str
+    written: str
+    value: Decimal
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
 class Study:
-    """One study. `source` holds the file's bytes, `notes` what a reader should know about keys that change nothing."""
+    """One study. `source` holds the file's bytes, `notes` what a reader should know about keys that change nothing.
+
+    `conversions` are the values that were written with a unit, and the numbers that they are used as.
+    """
 
     title: str
     file: Path
@@ -192,6 +208,7 @@ class Study:
     requirements: tuple[Requirement, ...]
     keep_logs: Literal["worst", "all"]
     notes: tuple[str, ...] = ()
+    conversions: tuple[Conversion, ...] = ()
 
     @property
     def sha256(self) -> str:

@@ -11,6 +11,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from fmus.confinement import MEBIBYTE, Confinement
+from fmus.errors import FmuError
 from relaxations.commands import Command
 from relaxations.errors import CommandError, PlantError
 from suite import schema
@@ -19,8 +21,9 @@ from suite.plants import linear_plant
 from suite.quantity_names import Quantity, UnitKind, parse_quantity
 from suite.study import GRID, CommandRequest, Limits, Maneuver, Plant, Requirement, Simulation, Study, Uncertainty
 from suite.study_file import printable
-from suite.study_plant import PlantNames, understand_plant
+from suite.study_plant import PlantNames, description, understand_plant
 from suite.study_rules import contradictions, unsupported
+from suite.study_units import convert_units
 
 TRIED = 200  # plants of one axis that are built to see whether they exist: 0.5 ms each
 LINEAR_PARAMETER = re.compile(r"(mode\[[1-9]\d*\]\.(frequency|damping)|zero\[[1-9]\d*\])\Z")
@@ -31,6 +34,7 @@ Item = TypeVar("Item")
 
 def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Study | None, list[Mistake]]:
     """The study in a parsed file, or None and everything that is wrong with it, in the order of the sections."""
+    data, unit_mistakes, conversions = convert_units(data, lambda: description(data, file.parent))
     written, mistakes = schema.read_sections(data)
     wrong = {mistake.path for mistake in mistakes}
     mistakes += [mistake for mistake in unsupported(data) if mistake.path not in wrong]
@@ -51,6 +55,9 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
     if plant is not None and written.maneuver is not None and written.limits is not None:
         _task(plant, written.maneuver.displacement, written.limits.input, mistakes)
         _box(plant, [(i, axis) for i, axis in enumerate(uncertainties, 1) if axis is not None], mistakes)
+    # A value whose unit is wrong is still text, which is refused once more where a number is wanted.
+    spoilt = [mistake.path for mistake in unit_mistakes]
+    mistakes = unit_mistakes + [m for m in mistakes if not any(path == m.path or path.startswith(f"{m.path}[") for path in spoilt)]
     if mistakes or plant is None or command is None or not (written.maneuver and written.limits and written.simulation and written.keep):
         return None, _in_order(mistakes)
     length = written.limits.tail_length
@@ -68,6 +75,7 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
         requirements=tuple(requirement for requirement in requirements if requirement is not None),
         keep_logs=written.keep.logs,
         notes=tuple(_notes(written.command)),
+        conversions=conversions,
     )
     return study, []
 
@@ -169,12 +177,17 @@ def _interface(plant: Plant | None, asked: str | None, mistakes: list[Mistake]) 
 
 def _simulation(written: schema.Simulation) -> Simulation:
     default = Simulation()
+    confinement = Confinement(
+        memory=default.confinement.memory if written.memory is None else written.memory * MEBIBYTE,
+        step=None if written.step_timeout is None else float(written.step_timeout),
+    )
     return Simulation(
         step=None if written.step is None else float(written.step),
         observe=None if written.observe is None else float(written.observe),
         timeout=default.timeout if written.timeout is None else float(written.timeout),
         seed=default.seed if written.seed is None else written.seed,
         interface=written.interface,
+        confinement=confinement,
     )
 
 
@@ -186,11 +199,17 @@ def _uncertainty(written: schema.Uncertainty, item: int, names: PlantNames | Non
     if names is None or written.range is None:
         return None
     try:
-        unit = names.parameter(parameter)
+        variable = names.parameter(parameter)
     except ValueError as problem:
         mistakes.append(Mistake(path, parameter, str(problem)))
         return None
-    return Uncertainty(parameter, *written.range, GRID if written.samples is None else written.samples, unit)
+    axis = Uncertainty(parameter, *written.range, GRID if written.samples is None else written.samples, variable.unit)
+    try:
+        for value in axis.values if axis.samples <= TRIED else (axis.values[0], axis.values[-1]):
+            variable.within(value)
+    except FmuError as problem:
+        mistakes.append(Mistake(f"uncertainty[{item}].range", [axis.lower, axis.upper], str(problem)))
+    return axis
 
 
 def _requirement(
@@ -233,12 +252,12 @@ def _unit(kind: UnitKind, plant: Plant, variable: str) -> str:
 
 
 def _unit_complaint(asked: str, unit: str, quantity: Quantity, plant: Plant) -> str | None:
-    """Why a requirement's unit is wrong; units are compared, not converted."""
+    """Why a requirement's unit is wrong: it is not the quantity's own, to which limits in other units have been converted by now."""
     if quantity.unit_kind is UnitKind.NONE:
         return None if asked.strip() in PURE_UNITS else f'{quantity} is a pure number; valid is "1", or no unit'
     if not unit:
         return f"the unit of {quantity} is not known ({'the FMU declares none' if plant.fmu else 'numbers have none'}); leave unit out"
-    return None if _plain(asked) == _plain(unit) else f'{quantity} is measured in "{unit}", and units are not converted'
+    return None if _plain(asked) == _plain(unit) else f'{quantity} is measured in "{unit}", to which this cannot be converted'
 
 
 def _plain(unit: str) -> str:

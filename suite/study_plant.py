@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 from fmus.archives import Fmu, open_archive
 from fmus.descriptions import Description, Variable
 from fmus.errors import FmuError
 from suite import schema
 from suite.errors import ABSENT, Mistake
+from suite.plant_settings import plant_settings
 from suite.study import FmuPlant, ModalPlant, Plant, RootsPlant, Source, StateSpacePlant, TransferPlant
 from suite.suggestions import did_you_mean
 
@@ -47,16 +49,19 @@ class PlantNames:
         except FmuError as problem:
             raise ValueError(str(problem)) from None
 
-    def parameter(self, name: str) -> str:
-        """The unit of an FMU's parameter, or of an input that is held; raises `ValueError` with a sentence."""
+    def parameter(self, name: str) -> Variable:
+        """The FMU's parameter, or constant input, that an uncertainty may speak of; raises `ValueError` with a sentence."""
         if self.description is None:
             raise ValueError(
                 "names an FMU's parameter, but the plant is given as numbers; valid are mode[i].frequency, mode[i].damping, zero[i]"
             )
         try:
-            return self.description.settable_parameter(name, self.driven).unit
+            variable = self.description.settable_parameter(name, self.driven)
         except FmuError as problem:
             raise ValueError(str(problem)) from None
+        if variable.causality == "structuralParameter":
+            raise ValueError("is a structural parameter: the plants of a range would differ in their variables; set it in plant.parameters")
+        return variable
 
 
 def understand_plant(written: schema.Plant, folder: Path) -> tuple[Plant | None, PlantNames | None, list[Mistake]]:
@@ -76,6 +81,14 @@ def understand_plant(written: schema.Plant, folder: Path) -> tuple[Plant | None,
     if mistakes or source is None:
         return None, names, mistakes
     return Plant(source, written.input or "input", output, initial_input=_initial_input(written, Decimal(0))), names, mistakes
+
+
+def description(data: Mapping[str, Any], folder: Path) -> Description | None:
+    """The description of the FMU that a parsed study names; None if it names none, or one that cannot be used."""
+    plant = data.get("plant")
+    name = plant.get("fmu") if isinstance(plant, dict) else None
+    fmu = _open(name, folder, []) if isinstance(name, str) and name else None
+    return None if fmu is None else fmu.description
 
 
 def _form(written: schema.Plant, mistakes: list[Mistake]) -> str | None:
@@ -136,22 +149,21 @@ def _fmu_plant(written: schema.Plant, folder: Path, mistakes: list[Mistake]) -> 
     if fmu is None:
         mistakes.extend(Mistake(f"plant.{key}", ABSENT, "is missing") for key in ("input", "output") if getattr(written, key) is None)
         return None, None, mistakes
-    has, driven = fmu.description, written.input or ""
+    has, parameters = plant_settings(written.parameters or {}, fmu.description, written.input, mistakes)
     entry = _variable("plant.input", written.input, has.drivable_input, has.names("input"), mistakes)
     output = _variable("plant.output", written.output, lambda name: _real(has.find(name, "output")), has.names("output"), mistakes)
-    for name, value in (written.parameters or {}).items():
-        _variable(f"plant.parameters.{name}", name, lambda name: has.settable_parameter(name, driven), (), mistakes, value)
-    names = PlantNames(has, has.names("output"), written.output or "", driven)
+    names = PlantNames(has, has.names("output"), written.output or "", written.input or "")
     if mistakes or entry is None or output is None:
         return None, names, mistakes
     start = Decimal(repr(entry.start)) if isinstance(entry.start, float) else Decimal(0)
-    source = FmuPlant(written.fmu or "", fmu, dict(written.parameters or {}))
+    source = FmuPlant(written.fmu or "", replace(fmu, description=has), parameters)
     return Plant(source, entry.name, output.name, entry.unit, output.unit, _initial_input(written, start)), names, mistakes
 
 
 def _real(variable: Variable) -> Variable:
     if not variable.is_real:
-        raise FmuError(f'"{variable.name}" is of type {variable.type}; a controlled output is a single real number')
+        hint = f"; name one element, such as {variable.elements[0]}" if variable.size and variable.dimensions else ""
+        raise FmuError(f'"{variable.name}" is of type {variable.kind}; a controlled output is a single real number{hint}')
     return variable
 
 

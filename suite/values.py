@@ -91,6 +91,13 @@ def samples(value: int) -> int:
     return value
 
 
+def mebibytes(value: int) -> int:
+    """Memory that a process can live in, and that a computer may have."""
+    if not 64 <= value <= 2**30:
+        raise ValueError("must be a whole number of MiB from 64 on")
+    return value
+
+
 def items(value: object) -> Sequence[object]:
     """A list, of whatever."""
     if not isinstance(value, list):
@@ -192,3 +199,16 @@ def table(value: object) -> Mapping[str, object]:
     if not isinstance(value, dict):
         raise ValueError("must be a table in braces")
     return value
+
+
+def setting(value: object) -> object:
+    """What a variable of an FMU may be set to: a number, true or false, the name of an enumeration's item, or a list of these."""
+    if isinstance(value, list):
+        return tuple(setting(item) for item in value)
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, str):
+        return text(value)
+    if isinstance(value, int | Decimal):
+        return number(value)
+    raise ValueError("must be a number, true or false, the name of an enumeration's item in quotes, or a list of these")

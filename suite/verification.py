@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import importlib.metadata
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from fmus.descriptions import Description
+from fmus.variables import REAL_TYPES
 from relaxations.bounds import Status
 from reports import files
 from suite import evidence
@@ -23,6 +25,7 @@ from suite.verdicts import Judgement, Verdict, judge, overall
 
 MOST_RUNS = 100_000  # of one campaign; what lies between samples is not known better by more of them on one machine
 MOST_POINTS = 2_000_000  # communication points of one run: its log is then a quarter of a gigabyte, and no viewer opens more
+MOST_ELEMENTS = 64  # of an array that is logged though nobody asked: 100 kB a run; a requirement may name any element
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,8 +117,7 @@ def _subject(study: Study, fmu: FmuPlant, made: Design) -> Subject:
     assert made.command is not None
     description = fmu.archive.description
     named = [r.quantity.variable for r in study.requirements if r.quantity.variable and r.quantity.variable != "output"]
-    states = tuple(name for name, _ in description.states)
-    outputs = dict.fromkeys([study.plant.output, *description.names("output"), *named])
+    outputs = dict.fromkeys([study.plant.output, *_reals(description, description.names("output")), *named])
 
     def channel(name: str) -> Channel:
         variable = description.find(name)
@@ -129,11 +131,18 @@ def _subject(study: Study, fmu: FmuPlant, made: Design) -> Subject:
         limits=(float(study.limits.lower), float(study.limits.upper)),
         input=channel(study.plant.input),
         output=channel(study.plant.output),
-        outputs=tuple(channel(name) for name in outputs if description.find(name).is_real),
-        states=tuple(channel(name) for name in states if description.find(name).is_real),
+        outputs=tuple(channel(name) for name in outputs),
+        states=tuple(channel(name) for name in _reals(description, tuple(name for name, _ in description.states))),
         requirements=study.requirements,
         attachments={"study.toml": study.source, "modelDescription.xml": fmu.archive.description_xml},
     )
+
+
+def _reals(description: Description, names: tuple[str, ...]) -> Iterator[str]:
+    """The real numbers among the variables, arrays element by element; large arrays are left out."""
+    for variable in map(description.find, names):
+        if variable.type in REAL_TYPES and variable.size <= MOST_ELEMENTS:
+            yield from variable.elements
 
 
 def _drop(folder: Path, runs: tuple[RunResult, ...], judgements: tuple[Judgement, ...]) -> tuple[RunResult, ...]:

@@ -16,7 +16,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("relaxations", "fmus", "reports", "suite")
-HEAVY = ("cvxpy", "clarabel", "scipy.optimize", "fmpy", "sksundae", "mcap", "matplotlib", "jinja2", "pydantic", "flint")
+HEAVY = ("cvxpy", "clarabel", "scipy.optimize", "fmpy", "sksundae", "mcap", "matplotlib", "jinja2", "pydantic", "flint", "pint")
 MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 

@@ -127,6 +127,14 @@ def test_refuses_what_unpacks_to_too_much(tmp_path: Path, monkeypatch: pytest.Mo
         open_archive(path)
 
 
+@pytest.mark.parametrize(("limit", "member"), [("MAX_DESCRIPTION", "modelDescription.xml"), ("MAX_TWIN", archives.TWIN)])
+def test_refuses_single_files_that_are_too_large(limit: str, member: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = pack(tmp_path / "a.fmu", {"modelDescription.xml": description(), archives.TWIN: bytes(5000)})
+    monkeypatch.setattr(archives, limit, 100)
+    with pytest.raises(ArchiveError, match=f"{member} of [0-9]+ bytes is too large"):
+        open_archive(path)
+
+
 @pytest.mark.parametrize("identifier", ["../../../../evil/x", "a/b", "a b", "1a", "a.b", "ä"])
 def test_refuses_an_identifier_that_could_name_another_binary(identifier: str, tmp_path: Path) -> None:
     path = pack(tmp_path / "a.fmu", {"modelDescription.xml": description(identifier)})

@@ -33,6 +33,7 @@ MESSAGES = {
     "error": ("error", "Error"),
     "fatal": ("fatal", "Fatal"),
     "hang": ("hung", "no answer within"),
+    "leak": ("memory", "of the 256 MiB that it may have"),
     "nan": ("not_finite", "nan"),
     "quit": ("exited", "exit code"),
     "segfault": ("crashed", "SIGSEGV"),
@@ -42,7 +43,9 @@ MESSAGES = {
 
 
 def test_every_fault_is_known_here() -> None:
-    assert set(FAULTS) - set(MESSAGES) == {"flood", "fixed_step"}, "the one only prints, the other wants a command on its grid"
+    assert set(FAULTS) - set(MESSAGES) == {"flood", "fill", "fixed_step"}, (
+        "the first only prints, the second fills the disk, the third wants a grid"
+    )
 
 
 @pytest.mark.parametrize("fault", sorted(MESSAGES))
@@ -50,6 +53,8 @@ def test_an_fmu_that_fails_is_an_error_that_names_the_run_and_no_pass(tmp_path: 
     file = small_study(tmp_path, samples=2, fmu=str(build_fault(fault)))
     if fault == "hang":
         file.write_text(file.read_text().replace("timeout = 20", "timeout = 0.5"))
+    if fault == "leak":
+        file.write_text(file.read_text().replace("timeout = 20", "timeout = 20\nmemory = 256"))
     done = run("verify", file, "--out", tmp_path / "out", "--jobs", "2", "--json")
     assert done.exit_code == 3
     record = json.loads(done.stdout)

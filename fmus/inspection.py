@@ -1,0 +1,125 @@
+"""What an FMU file holds and what would prevent a run of it here, found without loading any of its code."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from fmus.archives import Fmu, host_platform, open_archive
+from fmus.descriptions import Description
+from fmus.errors import ArchiveError, FmuError
+from fmus.terminals import TERMINALS, Terminal, read_terminals
+from fmus.variables import NUMBER_TYPES, REAL_TYPES
+
+MOST_NAMED = 6  # variables that one finding names
+LARGEST_TERMINALS = 2**24  # bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """An FMU with what is beside its description. `binaries` maps each platform's folder to the libraries in it.
+
+    `obstacles` say what prevents any run on this machine, `notes` what a run can do only in part, or at a price.
+    """
+
+    fmu: Fmu
+    host: str
+    binaries: tuple[tuple[str, tuple[str, ...]], ...]
+    sources: tuple[str, ...]
+    terminals: tuple[Terminal, ...]
+    obstacles: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def inspect(path: Path | str) -> Inspection:
+    """Look into an FMU; raises what `open_archive` raises, for FMI 1.0 and for scheduled execution only too."""
+    fmu = open_archive(path)
+    binaries: dict[str, list[str]] = {}
+    sources: list[str] = []
+    terminals: tuple[Terminal, ...] = ()
+    try:
+        with zipfile.ZipFile(fmu.path) as archive:
+            for name in archive.namelist():
+                parts = PurePosixPath(name).parts
+                if len(parts) == 3 and parts[0] == "binaries" and PurePosixPath(name).suffix in (".so", ".dll", ".dylib"):
+                    binaries.setdefault(parts[1], []).append(parts[2])
+                elif len(parts) > 1 and parts[0] == "sources" and not name.endswith("/"):
+                    sources.append("/".join(parts[1:]))
+            if TERMINALS in archive.namelist():
+                if archive.getinfo(TERMINALS).file_size > LARGEST_TERMINALS:
+                    raise ArchiveError(f"{fmu.path}: {TERMINALS} of {archive.getinfo(TERMINALS).file_size} bytes is too large")
+                terminals = read_terminals(archive.read(TERMINALS))
+    except (zipfile.BadZipFile, OSError) as problem:
+        raise ArchiveError(f"{fmu.path} cannot be read: {problem}") from None
+    return Inspection(
+        fmu=fmu,
+        host=host_platform(),
+        binaries=tuple((folder, tuple(sorted(files))) for folder, files in sorted(binaries.items())),
+        sources=tuple(sorted(sources)),
+        terminals=terminals,
+        obstacles=tuple(_obstacles(fmu, bool(sources))),
+        notes=tuple(_notes(fmu)),
+    )
+
+
+def _obstacles(fmu: Fmu, sources: bool) -> Iterator[str]:
+    has = fmu.description
+    try:
+        fmu.require_platform()
+    except FmuError as problem:
+        yield f"{problem}{' (its sources are there, and could be compiled)' if sources and has.capabilities.co_simulation else ''}"
+    if not any(v.type in REAL_TYPES and v.size for v in map(has.find, has.names("input"))):
+        yield f"it has no real input that a command could drive; its inputs are: {_listed(has.names('input'))}"
+    if not any(v.type in REAL_TYPES and v.size for v in map(has.find, has.names("output"))):
+        yield f"it has no real output that could be moved; its outputs are: {_listed(has.names('output'))}"
+
+
+def _notes(fmu: Fmu) -> Iterator[str]:
+    has, can = fmu.description, fmu.description.capabilities
+    if can.needs_execution_tool:
+        yield f"it needs the tool that made it ({has.tool or 'which it does not name'}) on this machine"
+    if can.co_simulation and not can.variable_step:
+        step = can.fixed_internal_step or has.default_step
+        size = f", {step:g} s by its own account" if step else ""
+        yield f"its communication steps must all have one size{size}: every jump of a command has to lie on a multiple of it"
+    if can.co_simulation and can.fixed_internal_step and can.variable_step:
+        yield f"its own solver takes fixed steps of {can.fixed_internal_step:g} s: what happens between them is rounded to them"
+    if can.co_simulation and not (has.major == 2 and can.interpolates_inputs):
+        yield "it takes no input derivatives: a slope or a tail of the input becomes a staircase, and its error is measured"
+    if not can.model_exchange:
+        yield "it has no model exchange, so it shows no derivatives: without a twin its linear plant has to be found from its response"
+    elif not can.directional_derivatives:
+        yield "it has no directional derivatives: without a twin its linear plant comes from differences"
+    if can.model_exchange and not can.co_simulation:
+        yield "it has model exchange only: it brings no solver"
+    if not _offers(has, "canGetAndSetFMUstate"):
+        yield "its state cannot be saved: a step that it discards cannot be tried again in smaller ones"
+    if can.once_per_process:
+        yield "it allows one instance in a process: every run gets a new one, which takes some 50 ms"
+    yield from _variables(has)
+    if any(name == "ScheduledExecution" for name, _ in has.interfaces):
+        yield "it offers scheduled execution too, which is not used"
+    yield "it brings a linear twin" if fmu.twin is not None else "it brings no linear twin (resources/twin.toml): it is linearised"
+
+
+def _offers(has: Description, attribute: str) -> bool:
+    # FMI 2.0 and 3.0 differ in one capital letter.
+    return any(key.lower() == attribute.lower() and value in ("true", "1") for _, written in has.interfaces for key, value in written)
+
+
+def _variables(has: Description) -> Iterator[str]:
+    deaf = [v.name for v in has.variables if v.causality == "input" and v.type not in NUMBER_TYPES]
+    if deaf:
+        yield f"inputs that are no numbers keep their start values: {_listed(deaf)}"
+    clocks = [v.name for v in has.variables if v.type == "Clock"]
+    if clocks:
+        yield f"clocks are left alone: {_listed(clocks)}"
+    structural = has.names("structuralParameter")
+    if structural:
+        yield f"sizes of arrays are set by structural parameters: {_listed(structural)}"
+
+
+def _listed(names: tuple[str, ...] | list[str]) -> str:
+    return ", ".join(names[:MOST_NAMED]) + (f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "") or "none"
