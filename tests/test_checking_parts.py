@@ -60,6 +60,15 @@ def test_modes_of_one_frequency_have_no_order() -> None:
         assert sorted(root.multiplicity for root in balls.further(three, {"mode[1]": 3})) == [1, 1, 4]
 
 
+def test_roots_are_those_of_the_exact_polynomial() -> None:
+    """Π (s² + k²), k ≤ 80: its coefficients have up to 790 bits, and rounded to the precision it would have other roots."""
+    roots = balls_of(*([k * k, 0, 1] for k in range(1, 81)))
+    assert len(roots) == 80
+    for k, root in enumerate(sorted(roots, key=lambda root: float(root.value.imag.mid())), 1):
+        assert root.value.contains(acb(0, k))
+        assert float(root.value.imag.rad()) < 1e-36
+
+
 def balls_of(*factors: list[Any]) -> tuple[Root, ...]:
     product = fmpq_poly([1])
     for factor in factors:

@@ -97,7 +97,7 @@ def isolated(polynomial: fmpq_poly) -> tuple[Root, ...]:
     for factor, multiplicity in whole.right_shift(rigid).factor_squarefree()[1]:
         accuracy = arb(2) ** -flint.ctx.prec / acb_poly(factor.coeffs()[::-1]).root_bound()
         try:
-            balls = acb_poly(factor).roots(tol=accuracy, maxprec=min(ISOLATION // len(factor), 4096))
+            balls = acb_poly(factor.coeffs()).roots(tol=accuracy, maxprec=min(ISOLATION // len(factor), 4096))
         except ValueError:
             work["left"] = -1.0  # more bits would not help
             raise Undecided("roots of the plant are too close to be told apart") from None

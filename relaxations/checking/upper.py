@@ -70,7 +70,7 @@ def solve(system: System, n: int, witness: Any) -> list[Number]:
         by = dict(zip(unknowns, changes, strict=True))
         return [number + by[place] if place in by else number for place, number in enumerate(command)]
 
-    spend(2 * size**3)
+    spend(size**3 / 8)
     spread = arb(0, arb(witness.radius).upper())
     wide = moved([spread] * size)
     slopes = arb_mat(size, size, [x for place in unknowns for x in derivative(system, n, wide, place).entries()]).transpose()
