@@ -23,7 +23,7 @@ from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.grids import grid
 from relaxations.maneuvers import Problem
 from relaxations.refinement import Extremal, Failure, refine
-from relaxations.tails import Contact, TailStart
+from relaxations.tails import Contact, Looks, TailStart
 
 Reals = NDArray[np.float64]
 
@@ -182,8 +182,8 @@ def _tail_only(problem: Problem) -> Reals | None:
     if tail.size < problem.size:
         return None
     coefficients: Reals = np.linalg.solve(tail.columns, -problem.target).astype(np.float64)
-    above, below = tail.room(tail.looks())
-    course = tail.rows(tail.looks()) @ coefficients
+    looks = tail.looks().instants
+    course, (above, below) = tail.rows(looks) @ coefficients, tail.room(looks)
     slack = 1e-12 * (problem.upper - problem.lower)  # a tail may begin on a limit exactly; the proof decides
     over = [*(course - above - slack), *(-course - below - slack)]
     over += [size - cap.bound * (1.0 + 1e-12) for cap, size in zip(tail.caps, tail.sizes(coefficients), strict=True)]
@@ -227,9 +227,9 @@ def _cut_minimum(problem: Problem, settings: Settings, near: float | None, settl
     grid = grid_minimum(problem, settings, near, looks, settled)
     count = grid.count
     for _ in range(CUTS):
-        if grid.settled or grid.above is None or not len(over := problem.tail.exceeded(grid.above.tail_coefficients)):
+        if grid.settled or grid.above is None or not (over := problem.tail.exceeded(grid.above.tail_coefficients, grid.above.pull)):
             break
-        looks = np.union1d(looks, over)
+        looks |= over
         grid = grid_minimum(problem, settings, grid.above.maneuver_time, looks, settled)
         count += grid.count
     return replace(grid, count=count)
@@ -239,7 +239,7 @@ def grid_minimum(
     problem: Problem,
     settings: Settings,
     near: float | None = None,
-    looks: Reals | None = None,
+    looks: Looks | None = None,
     settled: Callable[[programs.GridSolution], bool] = lambda solution: False,
 ) -> GridMinimum:
     """The root of α(T) = 1 by Newton's method on log α against log T, safeguarded by the bracket found so far.

@@ -2,13 +2,12 @@
 
 At a fixed maneuver time the *reachable fraction* α of the target is maximised (../docs/theory.md, section 2):
 
-    maximise α   subject to   Q u = α q + S c,   u_k = Σ_{i≤k} A_i,   lower ≤ u ≤ upper,   -α below_i ≤ (E c)_i ≤ α above_i,
-                              |c_k| ≤ α cap_k
+    maximise α   subject to   Q u = α q + S c,   u_k = Σ_{i≤k} A_i,   lower ≤ u ≤ upper,   -α below_i ≤ (E c)_i ≤ α above_i
 
 over the impulse amplitudes A, that is, over the staircase u that they add up to (the solver's variables are the values u: with A as further
 variables, linked sparsely, 10⁵ intervals take twice as long), and over the coefficients c of the tail, whose limits are imposed at instants
-after the move and scale with α on both sides (unscaled, α would have a ceiling where the final rest input lies on a limit), as do the caps
-on the moduli of single coefficients (a cone where one is complex, the only rows that are not linear). The rows are
+after the move and scale with α on both sides (unscaled, α would have a ceiling where the final rest input lies on a limit). The caps on
+single coefficients are further such rows, tangents of a disc where one is complex. The rows of Q are
 orthonormal, so that no scaling of poles, time or units is left in them, and the program is always feasible. Solver status is never
 evidence: what comes out is a candidate.
 """
@@ -26,7 +25,7 @@ from numpy.typing import NDArray
 from relaxations.conditioning import framed
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.maneuvers import Problem
-from relaxations.tails import moduli
+from relaxations.tails import Looks, moduli
 
 Reals = NDArray[np.float64]
 
@@ -52,8 +51,9 @@ class GridProgram:
     """The program as built, of `problem` in the coordinates chosen for it.
 
     `instants` (N + 1,) of the grid [s] from 0 to the maneuver time, `rows` (m, N) orthonormal, `target` (m,), `basis_change` R with
-    rows = R^{-T} · table, limits in input units; of the tail `columns` (m, n) in the same rows, and at the instants `looks` (k,) [s] after
-    the move its `shapes` (k, n) and the room `above` and `below` (k,), and the bounds of its caps with the places of what they bound.
+    rows = R^{-T} · table, limits in input units; of the tail `columns` (m, n) in the same rows, and its limits `shapes` (k, n) with the
+    room `above` and `below` (k,): at the instants `looks` [s] after the move first, then the faces of its caps, of these `bounds` at the
+    places `capped` of its coefficients.
     """
 
     problem: Problem
@@ -68,7 +68,7 @@ class GridProgram:
     shapes: Reals
     above: Reals
     below: Reals
-    caps: Reals
+    bounds: Reals
     capped: tuple[tuple[int, ...], ...]
 
     @property
@@ -113,14 +113,13 @@ class GridSolution:
     @property
     def tail_multipliers(self) -> tuple[tuple[float, float, float], ...]:
         """(instant after the move [s], μ⁺, μ⁻) wherever one is not zero."""
-        triples = zip(self.program.looks, self.mu_above, self.mu_below, strict=True)
+        triples = zip(self.program.looks, self.mu_above, self.mu_below, strict=False)  # those of the caps come after
         return tuple((float(t), float(above), float(below)) for t, above, below in triples if above > 0.0 or below > 0.0)
 
     def price(self, problem: Problem) -> float:
         """`Σ μ⁺ above + Σ μ⁻ below + Σ |pull_k| cap_k`: what the tail's limits take off the costate's target."""
         del problem
-        program = self.program
-        return float(self.mu_above @ program.above + self.mu_below @ program.below + moduli(self.pull, program.capped) @ program.caps)
+        return _price(self.program, self.mu_above, self.mu_below, self.pull)
 
     @property
     def residual(self) -> float:
@@ -136,11 +135,17 @@ class GridSolution:
         return self.fraction >= 1.0 and self.residual <= RESIDUAL
 
 
-def build(problem: Problem, instants: Reals, looks: Reals | None = None, inside: float = 0.0) -> GridProgram:
+def _price(program: GridProgram, above: Reals, below: Reals, pull: Reals) -> float:
+    """What multipliers of a tail's limits cost, those of its caps by what they hold: exact, where their faces are tangents."""
+    k = len(program.looks)
+    limits = above[:k] @ program.above[:k] + below[:k] @ program.below[:k]
+    return float(limits + moduli(pull, program.capped) @ program.bounds)
+
+
+def build(problem: Problem, instants: Reals, looks: Looks | None = None, inside: float = 0.0) -> GridProgram:
     """The program on the grid of `instants` [s], ascending from 0 to the maneuver time; raises `ShortHorizonError` if too short a time.
 
-    `looks` [s] are the instants at which the tail's limits are imposed (None: those of the problem's tail), tightened by the fraction
-    `inside`.
+    `looks` says where the tail's limits are imposed (None: as the problem's tail does at first), tightened by the fraction `inside`.
     """
     horizon, cells = float(instants[-1]), len(instants) - 1
     if problem.frame and problem.frame.horizon < horizon:
@@ -153,11 +158,12 @@ def build(problem: Problem, instants: Reals, looks: Reals | None = None, inside:
         raise ShortHorizonError(f"the moment equations are dependent on {cells} intervals over {horizon!r} s")
     target: Reals = np.linalg.solve(change.T, problem.target).astype(np.float64)
     columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
-    at = problem.tail.looks() if looks is None else looks
-    shapes, (above, below) = problem.tail.rows(at), (room * (1.0 - inside) for room in problem.tail.room(at))
-    caps, capped = np.array([cap.bound for cap in problem.tail.caps]) * (1.0 - inside), tuple(cap.at for cap in problem.tail.caps)
-    limits = problem.lower, problem.upper
-    return GridProgram(problem, instants, orthonormal.T, target, change, *limits, columns, at, shapes, above, below, caps, capped)
+    tail = problem.tail
+    at, (faces, room) = looks or tail.looks(), tail.faces((looks or tail.looks()).turns)
+    above, below = (np.concatenate([side, room]) * (1.0 - inside) for side in tail.room(at.instants))
+    shapes, bounds = np.vstack([tail.rows(at.instants), faces]), np.array([cap.bound for cap in tail.caps]) * (1.0 - inside)
+    moves = problem, instants, orthonormal.T, target, change, problem.lower, problem.upper, columns
+    return GridProgram(*moves, at.instants, shapes, above, below, bounds, tuple(cap.at for cap in tail.caps))
 
 
 def energy_bound(problem: Problem, instants: Reals) -> float:
@@ -190,7 +196,7 @@ def _orthonormal(problem: Problem, instants: Reals) -> tuple[Reals, Reals, float
 
 
 @lru_cache(maxsize=16)
-def _compiled(size: int, cells: int, coefficients: int, looks: int, capped: tuple[tuple[int, ...], ...]) -> dict[str, Any]:
+def _compiled(size: int, cells: int, coefficients: int, looks: int) -> dict[str, Any]:
     """The parametrised cvxpy problem of one shape, compiled once (a re-solve then costs a tenth)."""
     import cvxpy as cp
 
@@ -207,8 +213,6 @@ def _compiled(size: int, cells: int, coefficients: int, looks: int, capped: tupl
         shape = named["shapes"] @ named["tail"]
         named |= {"ceiling": shape <= fraction * named["above"], "floor": -shape <= fraction * named["below"]}
         limits += [named["ceiling"], named["floor"]]
-        named |= {"caps": cp.Parameter(len(capped))} if capped else {}
-        limits += [cp.norm(named["tail"][list(at)], 2) <= fraction * named["caps"][k] for k, at in enumerate(capped)]
     named["reach"] = named["rows"] @ levels == landed
     named["problem"] = cp.Problem(cp.Maximize(fraction), [named["reach"], *limits])
     return named
@@ -220,7 +224,7 @@ def solve(program: GridProgram) -> GridSolution:
     from cvxpy.error import SolverError as NotSolvedError
 
     (looks, coefficients), cells = program.shapes.shape, program.rows.shape[1]
-    compiled = _compiled(*program.rows.shape, coefficients, looks if coefficients else 0, program.capped)
+    compiled = _compiled(*program.rows.shape, coefficients, looks if coefficients else 0)
     # Levels are measured in half the actuator's range, the target in its own length, a tail coefficient in what fills that range: every
     # number is then of order one.
     half = (program.upper - program.lower) / 2
@@ -229,11 +233,8 @@ def solve(program: GridProgram) -> GridSolution:
     unit = np.ones(0)
     if coefficients:
         unit = 1.0 / np.abs(program.shapes).max(axis=0)
-        for at, cap in zip(program.capped, program.caps, strict=True):
-            unit[list(at)] = min(*unit[list(at)], cap / half)
         values |= {"columns": program.columns * unit, "shapes": program.shapes * unit}
         values |= {"above": program.above / length, "below": program.below / length}
-        values |= {"caps": program.caps / (length * unit[[at[0] for at in program.capped]])} if program.capped else {}
     for name, value in values.items():
         compiled[name].value = value
     with warnings.catch_warnings():
@@ -254,9 +255,9 @@ def solve(program: GridProgram) -> GridSolution:
     prices = (
         [np.maximum(np.asarray(compiled[name].dual_value), 0.0) for name in ("ceiling", "floor")] if coefficients else [np.zeros(looks)] * 2
     )
-    pull = program.columns.T @ multiplier + program.shapes.T @ (prices[0] - prices[1])
-    held = moduli(pull, program.capped) @ program.caps
-    scale = float(multiplier @ program.target - prices[0] @ program.above - prices[1] @ program.below - held)
+    k = len(program.looks)
+    pull = program.columns.T @ multiplier + program.shapes[:k].T @ (prices[0] - prices[1])[:k]
+    scale = float(multiplier @ program.target) - _price(program, prices[0], prices[1], pull)
     if scale <= 0.0:
         raise SolverError(f"the multipliers at T = {program.maneuver_time!r} s vanish on the target")
     return GridSolution(

@@ -278,10 +278,10 @@ def _cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
     looks = problem.tail.looks()
     solution = programs.solve(programs.build(problem, grid, looks, inside))
     for _ in range(CUTS):
-        over = problem.tail.exceeded(solution.tail_coefficients)
-        if not len(over):
+        over = problem.tail.exceeded(solution.tail_coefficients, solution.pull)
+        if not over:
             break
-        looks = np.union1d(looks, over)
+        looks |= over
         solution = programs.solve(programs.build(problem, grid, looks, inside))
     return solution
 

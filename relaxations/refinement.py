@@ -249,7 +249,7 @@ def _beyond(problem: Problem, coefficients: Reals) -> tuple[Contact, ...]:
         if size > cap.bound * (1.0 + EXCESS):
             return (tail.capped(k, coefficients, 0.0),)
     known = tail.known
-    instants = np.concatenate([known, tail.exceeded(coefficients)])
+    instants = np.concatenate([known, tail.exceeded(coefficients).instants])
     course, (above, below) = tail.rows(instants) @ coefficients, tail.room(instants)
     over = np.maximum(course - above, -course - below)
     if not np.any(over > EXCESS * (problem.upper - problem.lower)):

@@ -61,7 +61,7 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     size, tail = problem.size, solution.tail_coefficients.copy()
     # Rows scaled to one, columns weighted by the room they leave: pivoting then prefers unknowns that matter and may move. A tail
     # coefficient may move as far as the tail's own room, and its cap, let it.
-    looks = problem.tail.looks()
+    looks = problem.tail.looks().instants
     course, (above, below) = problem.tail.rows(looks), problem.tail.room(looks)
     slack = np.minimum(above - course @ tail, below + course @ tail) if len(tail) else np.zeros(1)
     play = np.maximum(slack.min(), 0.0) / np.abs(course).max(axis=0) / max(len(tail), 1) if len(tail) else np.zeros(0)

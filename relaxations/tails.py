@@ -23,6 +23,8 @@ Reals = NDArray[np.float64]
 
 LASTING = 12.0  # time constants of the slowest zero that a tail is looked at for: e^-12 of it is left
 LOOKS = 400  # instants a tail is looked at, before the cutting planes
+TURNS = 64  # tangents of the disc that a cap on a complex coefficient is, before the cutting planes
+FAN = np.concatenate([-(0.5 ** np.arange(20)), [0.0], 0.5 ** np.arange(20)])  # of further ones, in units of the angle between those
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +47,21 @@ class Cap:
     at: tuple[int, ...]
     bound: float
     sensitivity: tuple[Fraction, Fraction]
+
+
+@dataclass(frozen=True, slots=True)
+class Looks:
+    """Where a program imposes the limits of a tail: at instants [s] after the move, and on its complex caps in directions [rad]."""
+
+    instants: Reals
+    turns: Reals
+
+    def __or__(self, more: Looks) -> Looks:
+        """Both of them."""
+        return Looks(np.union1d(self.instants, more.instants), np.union1d(self.turns, more.turns))
+
+    def __bool__(self) -> bool:
+        return bool(len(self.instants) or len(self.turns))
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,19 +172,32 @@ class TailSpace:
             return Contact(0.0, 1 if part[0] > 0.0 else -1, multiplier, cap=cap)
         return Contact(float(np.arctan2(part[1], part[0])), 1, multiplier, True, cap)
 
-    def looks(self) -> Reals:
-        """Instants [s] at which the limits are first imposed: dense at the beginning, as long as anything is left."""
+    def faces(self, turns: Reals) -> tuple[Reals, Reals]:
+        """The caps as rows of a program, `|e c| ≤ room`: a real one is one, a complex one has a tangent in each of these directions.
+
+        Every cap is measured in half the input's range, so that a small one is not lost among larger numbers.
+        """
+        half, rows = (self.above + self.below) / 2, []
+        for cap in self.caps:
+            for turn in turns if len(cap.at) == 2 else [0.0]:
+                rows.append(np.zeros(self.size))
+                rows[-1][list(cap.at)] = (half / cap.bound * np.array([np.cos(turn), np.sin(turn)]))[: len(cap.at)]
+        return np.array(rows).reshape(len(rows), self.size), np.full(len(rows), half)
+
+    def looks(self) -> Looks:
+        """Where the limits are first imposed: dense at the beginning of the tail, as long as anything is left; caps all around."""
         if not self.zeros:
-            return np.zeros(0)
+            return Looks(np.zeros(0), np.zeros(0))
         slowest = min(-zero.value.real for zero in self.zeros)
         most = max(zero.multiplicity for zero in self.zeros)
         last = (LASTING + 4 * most) / slowest
         instants = np.concatenate([[0.0], np.geomspace(1e-4 * last, last, LOOKS)])
-        return np.union1d(instants, self.known)
+        complex_caps = any(len(cap.at) == 2 for cap in self.caps)
+        return Looks(np.union1d(instants, self.known), np.linspace(0.0, np.pi, TURNS, endpoint=False) if complex_caps else np.zeros(0))
 
     def peaks(self, coefficients: Reals) -> Reals:
         """Instants [s] at which a tail has its local extremes: where a limit may be exceeded between the looks."""
-        looks = self.looks()
+        looks = self.looks().instants
         if len(looks) < 3 or not self.size:
             return np.zeros(0)
         fine = np.unique(np.concatenate([looks, np.linspace(0.0, looks[-1], 20 * LOOKS)]))
@@ -181,11 +211,17 @@ class TailSpace:
             vertex = (left + middle) / 2 - rise / (2 * bend)
         return np.where(np.isfinite(vertex) & (vertex > left) & (vertex < right), vertex, middle)
 
-    def exceeded(self, coefficients: Reals) -> Reals:
-        """Local extremes [s] at which a tail is beyond its limits."""
+    def exceeded(self, coefficients: Reals, pull: Reals | None = None) -> Looks:
+        """Local extremes [s] at which a tail is beyond its limits, and directions [rad] for complex caps that it is beyond.
+
+        At the optimum a coefficient lies in the direction in which its cap is `pull`ed: a fan of tangents, ever closer to that.
+        """
         peaks = self.peaks(coefficients)
         course, (above, below) = self.rows(peaks) @ coefficients, self.room(peaks)
-        return peaks[(course > above) | (course < -below)]
+        over = [cap.at for cap, size in zip(self.caps, self.sizes(coefficients), strict=True) if size > cap.bound and len(cap.at) == 2]
+        towards = coefficients if pull is None else pull
+        fans = [np.arctan2(towards[im], towards[re]) + np.pi / TURNS * FAN for re, im in over]
+        return Looks(peaks[(course > above) | (course < -below)], np.mod(np.concatenate([np.zeros(0), *fans]), np.pi))
 
     def terms(self, coefficients: Reals) -> tuple[TailTerm, ...]:
         """The command's tail terms (whose powers have no factorial)."""

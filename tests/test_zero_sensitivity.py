@@ -104,13 +104,16 @@ def test_repair_respects_the_limit_too(name: str, monkeypatch: pytest.MonkeyPatc
     regular = proved(of)
     monkeypatch.setattr(bounds, "refine", lambda *_: Failure("not today"))
     monkeypatch.setattr(proofs, "polish", lambda *_: None)
+    monkeypatch.setattr(proofs, "FINER", (1, 4))
     found = minimum_time(of)
     assert found.status is Status.PROVED, found.reason
     assert found.switches is None
     assert found.upper is not None
     assert regular.upper is not None
     assert found.lower <= regular.upper
-    assert regular.lower <= found.upper <= regular.lower * (1 + 1e-6)
+    assert regular.lower <= found.upper
+    assert found.gap is not None
+    assert found.gap <= 1e-5  # of 25 · 4 intervals an equation; 1e-7 and less on finer grids
 
 
 # The zero moves.
@@ -119,9 +122,15 @@ def test_repair_respects_the_limit_too(name: str, monkeypatch: pytest.MonkeyPatc
 def residual(plant: LinearPlant, move: Command, displacement: float) -> float:
     """Largest distance of the output from its rest value after the move, over the displacement: by an independent integration."""
     slowest = min(-term.rate.real for term in move.tail.terms)
-    times = move.end + np.concatenate([np.linspace(1e-9, 12.0 / slowest, 160), [40.0 / slowest]])
+    times = move.end + np.concatenate([np.linspace(1e-9, 6.0 / slowest, 50), [40.0 / slowest]])
     output = StateSpace.of(plant).integrate(move, times)
     return float(np.abs(output[:-1] - output[-1]).max() / abs(displacement))
+
+
+def same(root: Any, value: complex) -> bool:
+    """Whether a root as written is this one, or its conjugate."""
+    written = complex(*map(float, root)) if isinstance(root, tuple) else complex(float(root))
+    return min(abs(written - value), abs(written - value.conjugate())) < 1e-9
 
 
 @pytest.mark.parametrize("name", ROOTS)
@@ -129,23 +138,18 @@ def test_a_moved_zero_moves_the_output_by_no_more(name: str) -> None:
     """By a thousandth of the shift asked for, in whatever direction: at worst a thousandth of the residual, and in some direction that."""
     zeros, poles, gain, which = ROOTS[name]
     plant = LinearPlant.from_zeros_poles(zeros, poles, gain)
-    asked = {f"zero[{which}]": ("0.1", "0.02")}
-    found = proved(posed(plant, asked))
+    found = proved(posed(plant, {f"zero[{which}]": ("0.1", "0.02")}))
     assert found.command is not None
-    value = plant.zeros[which - 1].value
-    turns = np.linspace(0.0, 2 * np.pi, 12, endpoint=False) if value.imag else [0.0, np.pi]
+    zero = plant.zeros[which - 1]
+    others = [root for root in zeros if not same(root, zero.value)]
     seen = []
-    for turn in turns:
-        place = value + 1e-4 * abs(value) * complex(np.cos(turn), np.sin(turn))
-        place = place if value.imag else complex(place.real)
-        moved = [(Fraction(place.real), Fraction(sign * place.imag)) for sign in ((1, -1) if value.imag else (1,))]
-        moved *= plant.zeros[which - 1].multiplicity
-        at = [complex(*map(float, zero)) if isinstance(zero, tuple) else complex(float(zero)) for zero in zeros]
-        others = [zero for zero, place in zip(zeros, at, strict=True) if min(abs(place - value), abs(place - value.conjugate())) > 1e-9]
+    for turn in np.linspace(0.0, 2 * np.pi, 8, endpoint=False) if zero.is_flexible else (0.0, np.pi):
+        place = zero.value + 1e-4 * abs(zero.value) * np.exp(1j * turn)
+        moved = [(Fraction(place.real), Fraction(sign * place.imag) if zero.is_flexible else Fraction(0)) for sign in (1, -1)]
+        moved = moved[: 1 + zero.is_flexible] * zero.multiplicity
         seen.append(residual(LinearPlant.from_zeros_poles([*others, *moved], poles, gain), found.command, 0.5) / 1e-3)
-    # What is not of first order is a thousandth of that; of 12 directions the nearest is 15° from the worst.
-    assert max(seen) <= 0.02 * 1.01
-    assert max(seen) >= 0.02 * 0.95
+    assert max(seen) <= 0.02 * 1.01  # what is not of first order is a thousandth of that
+    assert max(seen) >= 0.02 * 0.9  # of 8 directions the nearest is at most 22.5° from the worst
 
 
 # What is refused.
