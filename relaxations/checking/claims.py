@@ -76,6 +76,8 @@ def check(content: bytes) -> Check:
                 break
             except (Undecided, ArithmeticError) as problem:
                 reason = str(problem)
+            if work["left"] < 0:
+                break
     except Malformed as problem:
         outcome, reason, certificate = Outcome.MALFORMED, str(problem), None
     except Refuted as problem:

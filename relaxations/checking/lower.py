@@ -3,15 +3,16 @@
     λᵀ target > ∫_0^T σ(p) ds + Σ μ⁺ above + μ⁻ below + Σ cap |excess|   ⇒   no admissible command takes T or less
 
 for σ(p) = max(upper p, lower p), lower ≤ 0 ≤ upper: the right side grows with T. Where the rest input lies *on* a limit, no T may be
-enough, and balls cannot decide an equality; two criteria in rationals then speak of costates of one term, tail v(r) included:
+enough, and balls cannot decide an equality. Two exact criteria then speak of a real pole a that is right of all zeros of the tail v(r). It
+asks for ∫_0^T e^{as} u ds + ∫_0^∞ e^{-ar} v dr = m:
 
-face       a double pole at the origin asks for ∫u + ∫v = 0. If u may leave 0 to one side only, it is 0 almost everywhere: nothing moves.
-remainder  a stable real pole a asks for ∫_0^T e^{as} u ds + ∫_0^∞ e^{-ar} v dr = u_ss ∫_0^∞ e^{as} ds, if a is right of all zeros of the
-           tail. If u_ss is a limit, v lies on one side of 0, and the left side is never that large.
+face       if u may leave 0 to one side only, and m is 0 or on the other side, then u is 0 almost everywhere: nothing moves.
+remainder  if a is stable and u_ss is a limit, then m = u_ss ∫_0^∞ e^{as} ds, v lies on one side of 0, and the left side is never that large.
 """
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import Any
 
 import flint
@@ -23,12 +24,13 @@ from relaxations.checking.reading import Refuted, Undecided, require
 
 def impossible(system: System, criterion: str) -> None:
     """Prove that no admissible command reaches the target in any time, or raise `Undecided`."""
-    one_sided = system.lower == 0 or system.upper == 0
-    at_limit = system.rest != 0 and system.rest in (system.lower, system.upper)
-    stable = [root.value.real for root in system.roots if not root.flexible and root.value.real < 0]
-    decays = any(all(zero.value.real < rate for zero in system.zeros) for rate in stable)
-    rigid = any(root.value.is_zero() and root.multiplicity >= 2 for root in system.roots)
-    met = {"face": rigid and one_sided, "remainder": at_limit and decays}
+    begins = accumulate((root.size for root in system.roots), initial=0)
+    poles = [(root.value.real, system.target[i, 0]) for root, i in zip(system.roots, begins, strict=False) if not root.flexible]
+    right = [(a, m) for a, m in poles if all(zero.value.real < a for zero in system.zeros)]
+    met = {
+        "face": any((m <= 0 and system.lower == 0) or (m >= 0 and system.upper == 0) for _, m in right),
+        "remainder": system.rest != 0 and system.rest in (system.lower, system.upper) and any(a < 0 for a, _ in right),
+    }
     if not met[criterion]:
         raise Undecided(f"the criterion '{criterion}' does not apply to this task")
 
