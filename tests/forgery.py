@@ -41,7 +41,8 @@ def proven(name: str) -> bytes:
 def proven_tail(name: str) -> bytes:
     """The certificate of an output rest."""
     numerator, denominator, displacement, limits, length = TAILS[name]
-    maneuver = Maneuver(exact(displacement), Limits.of(*limits), tail=True, tail_length=length)
+    sensitivity = {"zero[1]": (Fraction(1, 10), Fraction(1, 50))} if name.startswith("insensitive") else {}
+    maneuver = Maneuver(exact(displacement), Limits.of(*limits), tail=True, tail_length=length, zero_sensitivity=sensitivity)
     return _certified(f"tail_{name}", lambda: problem([transfer(numerator, denominator)()], maneuver))
 
 
@@ -58,7 +59,12 @@ TAILS: dict[str, tuple[list[Any], list[Any], Any, tuple[Any, Any], tuple[Fractio
     "at_once_and_rising": ([1, 1, 3], [1, "1.5", 1], 1, (-1, 4), None),
     "short_tail": ([1, 1], [1, 0, 0], 1, (-1, 1), (Fraction(1), Fraction(1, 20))),
     "no_stable_zero": ([-1, 1], [1, 2, 0], 1, (-1, 1), None),
+    "insensitive_real": ([1, 1], [1, 3, 0, 0], "0.5", (-2, 2), None),
+    "insensitive_pair": ([1, 1, "4.25"], [1, "2.2", "9.41", "18.02", 0, 0], "0.5", (-2, 2), None),
+    "insensitive_double": ([3, 6, 3], [1, "4.4", "2.64", "4.16"], "0.5", (-2, 2), None),
+    "insensitive_at_once": ([1, 2, 5], [1, "0.4", "1.04"], "0.5", (-2, 2), None),
 }
+"""Numerator, denominator, displacement, limits, length of the tail; insensitive ones allow a residual of 2 % for a shift of 10 %."""
 
 
 def _certified(name: str, pose: Callable[[], Any]) -> bytes:

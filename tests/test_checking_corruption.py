@@ -41,6 +41,7 @@ STATE = (
     "held_robust",
 )
 OUTPUT = ("real_zero", "pitch", "complex_zeros", "double_zero", "rest_on_a_limit", "short_tail", "at_once", "at_once_on_a_limit")
+OUTPUT += ("insensitive_real", "insensitive_pair")
 
 
 @cache
@@ -237,6 +238,7 @@ def posed(data: dict[str, Any]) -> Problem:
         {name: count for name, count in plant["zeros"].items() if count},
         tail=of["rest"] == "output",
         tail_length=(number(length["time"]), number(length["within"])) if length else None,
+        zero_sensitivity={name: (number(p["shift"]), number(p["residual"])) for name, p in of["limits"]["zero_sensitivity"].items()},
     )
     return problem([linear], maneuver)
 

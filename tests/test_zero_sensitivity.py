@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from forgery import certificate, changed, command, costate, opened, task
+from forgery import opened
 from independent import StateSpace
 
 from relaxations import bounds, proofs
 from relaxations.bounds import Bound, Status
-from relaxations.checking.claims import Outcome, check, claim
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
@@ -176,79 +175,7 @@ def test_a_zero_right_of_the_axis_has_no_tail() -> None:
         posed(plant, {"zero[2]": ("0.1", "0.1")})
 
 
-# The certificate.
-
-
-def outcome(content: bytes) -> Outcome:
-    return check(content).outcome
-
-
-def limited(content: bytes, pair: dict[str, str], side: str) -> Outcome:
-    """One side of a certificate under another residual."""
-
-    def change(data: dict[str, Any]) -> None:
-        data["task"]["limits"]["zero_sensitivity"]["zero[1]"].update(pair)
-        data["claim"][{"lower": "upper", "upper": "lower"}[side]] = None
-
-    return outcome(changed(content, change))
-
-
-@pytest.mark.parametrize("name", ["real", "pair", "double", "double_pair", "feed_through"])
-def test_a_certificate_under_another_limit_is_believed_only_where_it_is_true(name: str) -> None:
-    plant = LinearPlant.from_zeros_poles(*ROOTS[name][:3])
-    content = proved(posed(plant, {"zero[1]": ("0.1", "0.02")})).certificate
-    assert content is not None
-    assert outcome(content) is Outcome.PROVED
-    for pair in ({"residual": "0.0199999"}, {"shift": "0.1000001"}):
-        assert limited(content, pair, "lower") is Outcome.PROVED
-        assert limited(content, pair, "upper") is Outcome.REFUTED
-    for pair in ({"residual": "0.0200001"}, {"shift": "0.0999999"}):
-        assert limited(content, pair, "upper") is Outcome.PROVED
-        assert limited(content, pair, "lower") is Outcome.REFUTED
-    assert limited(content, {"residual": "0"}, "upper") is Outcome.REFUTED
-
-
-def test_the_claim_tells_the_limit() -> None:
-    content = pitch("0.05").certificate
-    assert content is not None
-    assert claim(check(content)).splitlines()[5:7] == [
-        "  The tail at zero[1] (zeros by ascending magnitude) moves the output by at most 0.05 of the displacement",
-        "  if that zero lies elsewhere, by up to 0.1 of its magnitude; to first order in that distance.",
-    ]
-
-
-PAIR = {"shift": "0.1", "residual": "0.5"}
-
-
-@pytest.mark.parametrize(
-    "asked",
-    [
-        {"zero[2]": PAIR},
-        {"zero[0]": PAIR},
-        {"mode[1]": PAIR},
-        {"zero[1]": {"shift": "0", "residual": "0.5"}},
-        {"zero[1]": {"shift": "0.1", "residual": "-1"}},
-        {"zero[1]": {"shift": "0.1"}},
-        {"zero[1]": "0.1"},
-        ["zero[1]"],
-    ],
-)
-def test_what_is_no_sensitivity_is_malformed(asked: Any) -> None:
-    of = task(["1", "1"], ["1", "0", "0"], rest="output", zero_sensitivity=asked)
-    assert outcome(certificate(of, lower="1/10", witnesses=(costate(), None))) is Outcome.MALFORMED
-
-
-def test_a_rest_of_the_state_has_no_tail_to_be_sensitive() -> None:
-    of = task(["1", "1"], ["1", "0", "0"], zero_sensitivity={"zero[1]": PAIR})
-    assert outcome(certificate(of, lower="1/10", witnesses=(costate(), None))) is Outcome.MALFORMED
-
-
-def test_zeros_that_are_equally_large_have_no_order() -> None:
-    """(s + 1)(s² + s + 1): which of them zero[1] is matters only if they are not asked the same."""
-    go = command("3", [("0", "1/1000"), ("1", "0")], [["time", 0, 0]])
-    for asked, expected in (({"zero[1]": PAIR}, "the order of zero[i]"), ({"zero[1]": PAIR, "zero[2]": PAIR}, "unknowns")):
-        of = task(["1", "2", "2", "1"], ["1", "0", "0", "0"], rest="output", zero_sensitivity=asked)
-        assert expected in check(certificate(of, upper="3", witnesses=(None, go))).reason
+# The certificate (the checker's side: test_checking_sensitivity.py).
 
 
 def test_the_sensitivity_stands_in_the_certificate_as_it_was_asked() -> None:

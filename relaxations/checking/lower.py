@@ -7,7 +7,7 @@ enough, and balls cannot decide an equality. Two exact criteria then speak of a 
 asks for ∫_0^T e^{as} u ds + ∫_0^∞ e^{-ar} v dr = m:
 
 face       if u may leave 0 to one side only, and m is 0 or on the other side, then u is 0 almost everywhere: nothing moves.
-remainder  if a is stable and u_ss is a limit, then m = u_ss ∫_0^∞ e^{as} ds, v keeps to one side of 0: the left side is never as large.
+remainder  if a is stable and u_ss is a limit, then m = u_ss ∫_0^∞ e^{as} ds, v is on one side of 0, and the left side is never that large.
 """
 
 from __future__ import annotations
