@@ -26,6 +26,7 @@ class Capabilities:
 
     Of co-simulation: `variable_step` … `restores_steps` (FMU states can be saved and restored) and `fixed_internal_step` [s]. Of model
     exchange: `completed_steps` (it wants to know of each accepted integrator step) and, in FMI 2.0, the number of `event_indicators`.
+    `directional_derivatives` are those of model exchange, `directional_in_steps` those of co-simulation.
     """
 
     co_simulation: str | None = None
@@ -33,6 +34,7 @@ class Capabilities:
     variable_step: bool = False
     interpolates_inputs: bool = False
     directional_derivatives: bool = False
+    directional_in_steps: bool = False
     once_per_process: bool = False
     needs_execution_tool: bool = False
     fixed_internal_step: float | None = None
@@ -90,6 +92,11 @@ class Description:
     def state_names(self) -> tuple[str, ...]:
         """The continuous states one by one, in the order of the FMU's state vector: arrays element by element."""
         return tuple(name for state, _ in self.states for name in self.find(state).elements)
+
+    @property
+    def rate_names(self) -> tuple[str, ...]:
+        """The derivatives of `state_names`."""
+        return tuple(name for _, rate in self.states for name in self.find(rate).elements)
 
     def resized(self, values: Mapping[str, Value]) -> Description:
         """The description with those of `values` that set structural parameters: they become start values, and arrays get their sizes."""
@@ -193,9 +200,6 @@ def read_description(xml: bytes) -> Description:
     from fmus.instances import parse_description  # heavy: validation needs the XML schemas
 
     raw = parse_description(xml)
-    own = interfaces.get("ModelExchange", {})
-    # The FMI 3 attribute has a plural "s" that the parser does not know.
-    directional = own.get("providesDirectionalDerivative", own.get("providesDirectionalDerivatives", "false"))
     cs, me = raw.coSimulation, raw.modelExchange
     either = cs or me
     if either is None:
@@ -209,7 +213,8 @@ def read_description(xml: bytes) -> Description:
         model_exchange=me.modelIdentifier if me else None,
         variable_step=bool(cs and cs.canHandleVariableCommunicationStepSize),
         interpolates_inputs=bool(cs and cs.canInterpolateInputs),
-        directional_derivatives=directional in ("true", "1"),
+        directional_derivatives=_directional(interfaces.get("ModelExchange", {})),
+        directional_in_steps=_directional(interfaces.get("CoSimulation", {})),
         once_per_process=bool(either.canBeInstantiatedOnlyOncePerProcess),
         needs_execution_tool=bool(either.needsExecutionTool),
         fixed_internal_step=fixed,
@@ -244,6 +249,11 @@ def _states(raw: ModelDescription) -> Iterator[tuple[str, str]]:
         if derivative is None or derivative.derivative is None:
             raise DescriptionError("modelDescription.xml lists a derivative of a continuous state that derives nothing")
         yield derivative.derivative.name, derivative.name
+
+
+def _directional(interface: Mapping[str, str]) -> bool:
+    # The attribute of FMI 3.0 has a plural "s" that the parser does not know.
+    return any(interface.get(f"providesDirectionalDerivative{s}") in ("true", "1") for s in ("", "s"))
 
 
 def _unit(raw: RawUnit) -> Unit:

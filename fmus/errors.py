@@ -37,6 +37,11 @@ class BuildError(FmuError):
 class LinearizationError(FmuError):
     """The FMU gives no linear plant at this operating point."""
 
+    def __init__(self, message: str, status: object = None) -> None:
+        """`status` is the `RunStatus` of an FMU that failed; None if it is the request that cannot be met."""
+        super().__init__(message)
+        self.status = status
+
 
 class CallFailed(FmuError):
     """An FMI function returned a status other than OK."""

@@ -254,6 +254,10 @@ class Instance(ABC):
         """Set the continuous state vector (Model Exchange)."""
         self.call("SetContinuousStates", (c_double * len(values))(*values), len(values))
 
+    def set_time(self, time: float) -> None:
+        """Set the independent variable [s] (Model Exchange)."""
+        self.call("SetTime", time)
+
     def rates(self, count: int) -> list[float]:
         """The time derivatives of the continuous states (Model Exchange)."""
         return self._vector(self.derivatives_function, count)

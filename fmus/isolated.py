@@ -22,7 +22,9 @@ from typing import IO
 
 from fmus import cosimulation
 from fmus.errors import CallFailed, FmuError
-from fmus.sessions import Messages, Request, create, driver, prepare
+from fmus.instances import Instance
+from fmus.jacobians import jacobian
+from fmus.sessions import Messages, Request, create, prepare
 
 
 def read_frame(stream: IO[bytes]) -> tuple[Request, bytes] | None:
@@ -51,45 +53,26 @@ def run(request: Request, raw: bytes, messages: Messages) -> Request:
 
 
 def linearize(request: Request, messages: Messages) -> Request:
-    """The FMU's Jacobian at its initial point, by Model Exchange; returns the reply."""
+    """The FMU's Jacobian at its operating point; returns the reply."""
     messages.begin(array("d"), None)
-    instance = create(request, "model_exchange", messages)
-    prepare(instance, request)
-    instance.start_continuous_time()
-    states, derivatives = request["states"], request["derivatives"]
-    n, count = len(states), len(request["outputs"])
-    outputs = [tuple(o) for o in request["outputs"]]
-    assign, reference = driver(instance, request), request["input"][1]
-    x, u = instance.states(n), request["initial_input"]
-    result = {"x": x, "rates": instance.rates(n), "y": instance.get(outputs), "method": "directional derivatives", "note": ""}
-    columns: list[list[float]] = []
-    if request["directional"]:
-        unknowns = [*derivatives, *(r for _, r in outputs)]
-        try:
-            columns = [instance.derivative(unknowns, known) for known in (*states, reference)]
-        except CallFailed as problem:
-            if problem.status == "Fatal":
-                raise
-            columns, result["note"] = [], f"directional derivatives failed ({problem})"
-    if not columns:
-        result["method"] = "finite differences"
 
-        def evaluate(point: list[float]) -> list[float]:
-            instance.set_states(point[:n]) if n else None
-            assign(point[n])
-            return instance.rates(n) + instance.get(outputs)
+    def make() -> Instance:
+        instance = create(request, request["interface"], messages)
+        prepare(instance, request)
+        if request["interface"] == "co_simulation":
+            step = instance.stepper()
+            count, size = request["settle"]
+            for i in range(count):
+                if step(i * size, size) is not None:
+                    raise FmuError(f"the FMU interrupts its step from {i * size:.9g} s, before it has settled")
+        else:
+            instance.start_continuous_time()
+            if request["state"]:
+                instance.set_time(request["time"])
+                instance.set_states(request["state"])
+        return instance
 
-        point = [*x, u]
-        for i, scale in enumerate(request["scales"]):
-            # Central differences: the error h²·f‴/6 + ε·f/h is least near h = ε^(1/3).
-            h = 6e-6 * max(abs(point[i]), scale)
-            above, below = point[i] + h, point[i] - h
-            high = evaluate([*point[:i], above, *point[i + 1 :]])
-            low = evaluate([*point[:i], below, *point[i + 1 :]])
-            columns.append([(a - b) / (above - below) for a, b in zip(high, low, strict=True)])
-    instance.free()
-    rows = [[column[i] for column in columns] for i in range(n + count)]
-    return {"status": "FINISHED", "detail": instance.warning, "rows": rows, **result}
+    return jacobian(request, make)
 
 
 def serve(requests: IO[bytes], replies: int, folder: str) -> None:

@@ -39,6 +39,7 @@ class Experiment:
     `outputs` names the FMU's variables to log (outputs, states …). `parameters` and `initial_state` are set before
     initialisation, each in the variable's own unit; `initial_input` is the input at rest, before the command starts.
     `interface` None is co-simulation where the FMU offers it, else model exchange, which has a `tolerance` (relative).
+    Before the run begins, the FMU settles for `settle` [s] at that input (infinite: until it rests); the log starts afterwards.
     """
 
     fmu: Path
@@ -52,10 +53,21 @@ class Experiment:
     step: float
     interface: Interface | None = None
     tolerance: float = TOLERANCE
+    settle: float = 0.0
 
     def refined(self) -> Experiment:
         """The run whose distance from this one measures its numerical error: half the communication step, and a tighter tolerance."""
         return replace(self, step=self.step / 2.0, tolerance=self.tolerance / TIGHTER)
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """What of an identification is laid down by the user: sampling time [s], samples, amplitude (input units), order; None: chosen."""
+
+    step: float | None = None
+    samples: int | None = None
+    amplitude: float | None = None
+    order: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

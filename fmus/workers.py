@@ -6,6 +6,7 @@ the FMU. Every way to fail is a `RunStatus`; bad input (no such variable, no bin
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -23,6 +24,7 @@ from fmus.children import Answer, Child
 from fmus.confinement import Confinement
 from fmus.errors import FmuError, LinearizationError
 from fmus.plans import Misfit, Plan, plan
+from fmus.settling import preceded, rest, trimmed
 from fmus.stepping import Experiment, LogLine, Outcome, RunStatus, Trajectory
 
 RECYCLE = 500  # runs after which a child is replaced, so that what an FMU leaks stays bounded; costs 0.1 ms a run
@@ -48,6 +50,10 @@ class Worker:
         """
         began = time.perf_counter()
         e, fmu = experiment, self._open(experiment.fmu)
+        if experiment.settle:
+            wait = experiment.settle if math.isfinite(experiment.settle) else rest(self, fmu, experiment, timeout)[0]
+            experiment = replace(experiment, settle=wait)
+            return trimmed(self.run(preceded(experiment), timeout), experiment)
         capabilities = fmu.description.capabilities
         try:
             planned = plan(fmu.description, e)
@@ -73,34 +79,26 @@ class Worker:
             return replace(outcome, detail=f"{outcome.detail} (this FMU needs its execution tool, {fmu.description.tool or 'unnamed'})")
         return outcome
 
-    def linearize(
-        self,
-        fmu: Fmu,
-        input: str,
-        outputs: tuple[str, ...],
-        parameters: Mapping[str, float],
-        initial_state: Mapping[str, float],
-        initial_input: float,
-        timeout: float,
-    ) -> dict[str, Any]:
-        """The raw answer of the child to a linearisation (see `fmus.linearization`); raises `LinearizationError`."""
-        description = fmu.description
-        request = _request(fmu, "linearize", "model_exchange", input, outputs, parameters, initial_state, initial_input)
-        states = [description.find(state) for state, _ in description.states]
-        if any(v.dimensions for v in states):
-            raise LinearizationError(f"{fmu.path.name} has arrays as states, which are not supported")
+    def jacobian(self, fmu: Fmu, experiment: Experiment, settings: Mapping[str, Any], timeout: float) -> dict[str, Any]:
+        """The raw answer of the child to a linearisation (`fmus.jacobians`); raises `LinearizationError`.
+
+        `settings`: `interface`, `directional` and `differences` (which methods), `largest` (step of the differences), and the operating
+        point: `state` at `time` in model exchange, `settle` (number and size of steps) in co-simulation.
+        """
+        e, has = experiment, fmu.description.resized(experiment.parameters)
+        request = _request(fmu, "linearize", settings["interface"], e.input, e.outputs, e.parameters, e.initial_state, e.initial_input)
         request |= {
+            **settings,
             "stop": None,
-            "states": [v.value_reference for v in states],
-            "derivatives": [description.find(name).value_reference for _, name in description.states],
-            "scales": [v.nominal for v in states] + [description.find(input).nominal],
-            "directional": description.capabilities.directional_derivatives,
+            "states": [typed(has.find(name)) for name in has.state_names],
+            "derivatives": [typed(has.find(name)) for name in has.rate_names],
+            "names": [*has.state_names, e.input],
         }
         with self._ready(fmu) as child:
             answer = child.ask(request, b"", timeout)
             if answer.status is not RunStatus.FINISHED:
                 child.stop()
-                raise LinearizationError(f"{fmu.path.name} cannot be linearised: {answer.status.value}: {answer.detail}")
+                raise LinearizationError(f"{fmu.path.name} cannot be linearised: {answer.status.value}: {answer.detail}", answer.status)
         return answer.reply
 
     def close(self) -> None:

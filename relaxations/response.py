@@ -32,15 +32,23 @@ def moments(basis: Basis, command: Command, time: float, rest: float = 0.0) -> R
     return basis.rows(since, 1) @ table[:, 1] + basis.rows(since, 2) @ table[:, 2]
 
 
-def response(plant: LinearPlant, command: Command, times: Sequence[float] | Reals, output: str | None = None, rest: float = 0.0) -> Reals:
+def response(
+    plant: LinearPlant,
+    command: Command,
+    times: Sequence[float] | Reals,
+    output: str | None = None,
+    rest: float = 0.0,
+    *,
+    before: bool = False,
+) -> Reals:
     """Deviation of an output from its first rest value at `times` [s], output units; the input rests at `rest` before the command.
 
-    y(t) = w M(t) + D (u(t) - rest), M summed over the command's jumps and its tail's terms; at a jump of u the value after it.
+    y(t) = w M(t) + D (u(t) - rest), M summed over the command's jumps and its tail's terms; at a jump of u the value after it, or `before`.
     """
     t = np.asarray(times, dtype=float)
     basis, partial = Basis(plant.poles), plant.partial(output)
     weights = basis.weights(partial)
-    y = partial.feedthrough * (command(t, rest) - rest)
+    y = partial.feedthrough * (command(np.nextafter(t, -np.inf) if before else t, rest) - rest)
     if not plant.order:
         return y
     during = t <= command.end

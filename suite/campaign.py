@@ -254,11 +254,12 @@ def run(study: Study, subject: Subject, sample: Sample, setting: Setting, worker
         outputs=subject.variables,
         parameters=parameters,
         initial_input=float(study.plant.initial_input),
-        initial_state={},
+        initial_state={name: float(value) for name, value in fmu.initial_state.items()},
         command=subject.command,
         stop=setting.stop,
         step=setting.step,
         interface=interface(study),
+        settle=fmu.settle,
     )
     whole, outcome = _simulate(subject, sample, setting, worker, experiment, study.simulation.timeout)
     measured: dict[str, Measured] = {}
@@ -309,7 +310,8 @@ def _simulate(
     controlled = subject.variables.index(subject.output.variable)
     rest = float(trajectory.values[0, controlled])
     setting = replace(setting, facts=replace(setting.facts, rest_output=rest), step=experiment.step)
-    linear = rest + response(sample.plant, subject.command, trajectory.times, rest=setting.facts.rest_input)
+    # A run's output at a jump of the input is that before it (`fmus.stepping.Trajectory`): with feed-through that is another number.
+    linear = rest + response(sample.plant, subject.command, trajectory.times, rest=setting.facts.rest_input, before=True)
     return record(subject, setting, outcome, linear), outcome
 
 

@@ -251,6 +251,58 @@ def review(path: Path, as_json: bool) -> None:
     sys.exit({ReviewStatus.CONFIRMED: 0, ReviewStatus.INCOMPLETE: INCONCLUSIVE}.get(done.status, FAILED))
 
 
+class _Settling(click.ParamType[float]):
+    """A time in seconds, or `rest`."""
+
+    name = "SECONDS|rest"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Seconds; infinite for `rest`."""
+        if value == "rest":
+            return float("inf")
+        try:
+            time = float(str(value))
+        except ValueError:
+            time = -1.0
+        if not 0.0 <= time < float("inf"):
+            self.fail(f"{value!r} is neither a time in seconds nor 'rest'", param, ctx)
+        return time
+
+
+@main.command()
+@click.argument("fmu")
+@click.option("--input", "entry", required=True, metavar="NAME", help="The input that is moved.")
+@click.option("--output", required=True, metavar="NAME", help="The output that is looked at.")
+@click.option(
+    "--method", type=click.Choice(["auto", "derivatives", "differences", "identified"]), default="auto", show_default=True, help="How."
+)
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, a state's start value, or the input at rest.")
+@click.option("--at", type=_Settling(), default=0.0, help="Let it settle for so long, or until it rests; default: where it starts.")
+@click.option("--step", type=click.FloatRange(0.0, min_open=True), help="Communication step [s]; default: the FMU's.")
+@AS_JSON
+@_guarded
+def linearize(
+    fmu: str, entry: str, output: str, method: str, settings: tuple[str, ...], at: float, step: float | None, as_json: bool
+) -> None:
+    """The linear plant of FMU (a file, or a plant shipped here) about where it rests: poles, zeros, modes, and how far to trust them.
+
+    Exit code 0: done; 2: bad input, or the FMU does not rest there; 3: the FMU fails.
+    """
+    from fmus.errors import LinearizationError
+    from suite import console
+    from suite.linear import Request, linear
+
+    try:
+        found = linear(Request(fmu, entry, output, settings, method, at, step))  # type: ignore[arg-type] # click has checked the method
+    except LinearizationError as problem:
+        click.echo(f"error: {problem}", err=True)
+        sys.exit(USAGE if problem.status is None else INCONCLUSIVE)
+    if as_json:
+        _print_json(found.to_dict())
+    else:
+        console.show_linear(found)
+
+
 @main.group()
 def fmus() -> None:
     """Plants shipped here, and FMUs in general."""

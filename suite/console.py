@@ -23,13 +23,16 @@ if TYPE_CHECKING:
     from fmus.catalogue import Entry
     from fmus.inspection import Inspection
     from relaxations.commands import Tail
+    from relaxations.modes import Mode
     from relaxations.plants import Pole
     from suite.collection import Bracketed
+    from suite.linear import Linear
     from suite.review import Review
     from suite.simulation import Simulated
 
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
 MOST_VARIABLES = 100  # rows of a table on a terminal; FMUs have up to 100,000
+MOST_STATES = 12  # whose values are shown
 WIDTH = 140  # of tables that are written to a file or a pipe, where no terminal says how wide it is
 
 
@@ -298,6 +301,65 @@ def _roots(roots: Sequence[Pole]) -> str:
         return "".join(parts) + (f" (×{root.multiplicity})" if root.multiplicity > 1 else "")
 
     return ", ".join(map(one, roots)) or "–"
+
+
+def show_linear(done: Linear) -> None:
+    """The operating point, poles and modes, zeros, how it was found and how far the FMU is from it."""
+    found, request, how = done.found, done.request, done.found.identification
+    entry, output = (f" {escape(done.unit(name))}".rstrip() for name in (request.input, request.output))
+    console = _out()
+    console.print(escape(f"{done.fmu.path.name}: {request.input} → {request.output}"), style="bold", soft_wrap=True)
+    console.print(escape(f"found: {found.summary}"), soft_wrap=True)
+    places = [(request.input, f"{found.u:.10g}{entry}"), (request.output, f"{found.y:.10g}{output}")]
+    if how is None:
+        places += [(name, f"{value:.10g}") for name, value in zip(found.states, found.x.tolist(), strict=True) if value][:MOST_STATES]
+    console.print(f"operating point: {', '.join(f'{escape(name)} = {value}' for name, value in places)}", soft_wrap=True)
+    table = Table("mode", "pole, rad/s", "±", "Hz", "rad/s", "damping", "time constant, s", f"in a step,{output or ' –'}", "states")
+    for name, mode in zip(_numbered(done.modes), done.modes, strict=True):
+        table.add_row(escape(name), *map(escape, _mode_cells(mode)), escape(_shares(found.states, mode.participation)))
+    if done.modes:
+        console.print(table)
+    zeros = ", ".join(_root(zero.value) + (f" ×{zero.multiplicity}" if zero.multiplicity > 1 else "") for zero in done.plant.zeros)
+    console.print(f"zeros, rad/s: {zeros or 'none'}; gain {done.gain:.10g}", soft_wrap=True)
+    if how is not None:
+        console.print(f"singular values: {', '.join(f'{value:.1g}' for value in how.singular_values)}", soft_wrap=True)
+        tried = ", ".join(f"{order}: {_short(error, 2)}" for order, error in how.orders)
+        console.print(f"error of each order on another input: {tried}; chosen: {how.order}", soft_wrap=True)
+    for amplitude, error, duration, step in done.checks:
+        moves = f"the response to moves of ±{amplitude:.4g}{entry} over {duration:.4g} s in steps of {step:.3g} s"
+        console.print(f"distance from the FMU: {error:.2g} of {moves}", soft_wrap=True)
+    for note in (*done.plant.notes, *found.notes):
+        console.print(f"note: {escape(note)}", soft_wrap=True)
+
+
+def _numbered(modes: Sequence[Mode]) -> list[str]:
+    """The names that studies use: mode[1] …, real[1] …, in the order of their frequencies."""
+    names, count = [], {"flexible": 0, "real": 0, "rigid": 0}
+    for mode in modes:
+        count[mode.kind] += 1
+        name = {"flexible": "mode", "real": "real"}.get(mode.kind)
+        names.append((f"{name}[{count[mode.kind]}]" if name else "rigid") + (f" ×{n}" if (n := mode.pole.multiplicity) > 1 else ""))
+    return names
+
+
+def _mode_cells(mode: Mode) -> list[str]:
+    pole, order = mode.pole, mode.pole.multiplicity
+    flexible = (pole.natural_frequency / (2 * math.pi), pole.natural_frequency, pole.damping_ratio) if pole.is_flexible else (None,) * 3
+    moved = _short(mode.step_amplitude, 4)
+    if pole.is_rigid:  # after a unit step r/s^(k+1), that is r t^k/k!
+        moved = f"{mode.residues[-1].real / math.factorial(order):.4g} t{f'^{order}' if order > 1 else ''}"
+    return [_root(pole.value), _short(mode.uncertainty, 1), *(_short(x) for x in flexible), _short(mode.time_constant, 4), moved]
+
+
+def _root(value: complex) -> str:
+    imaginary = f" ± {value.imag:.8g}i" if value.imag else ""
+    return f"{value.real:.8g}{imaginary}" if value.real or not imaginary else imaginary.strip()
+
+
+def _shares(states: Sequence[str], participation: Sequence[float]) -> str:
+    """The states that make up most of a mode."""
+    shares = sorted(zip(participation, states, strict=False), key=lambda share: -share[0])[:3]
+    return ", ".join(f"{name} {share:.0%}" for share, name in shares if share >= 0.05)
 
 
 def _coloured(verdict: str) -> str:

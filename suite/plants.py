@@ -17,9 +17,6 @@ from suite.study import FmuPlant, ModalPlant, Plant, RootsPlant, StateSpacePlant
 
 Value = Fraction | Decimal | float
 
-AT_REST = 1e-9  # derivatives below this, relative to the largest entry of A and B, are rounding
-NOISE = 1e-8  # relative error of entries found by finite differences, with room to spare
-
 
 def nominal_plant(study: Study) -> LinearPlant:
     """The plant with the study's own parameters; raises `StudyError` at `plant` if there is no linear plant that can be used."""
@@ -38,7 +35,7 @@ def plant_at(study: Study, parameters: Mapping[str, Value]) -> LinearPlant:
 def linear_plant(plant: Plant, parameters: Mapping[str, Value] | None = None) -> LinearPlant:
     """The linear plant in exact numbers: as written, or an FMU's twin with `parameters` over the study's own.
 
-    An FMU without a twin is linearised where it starts, in a child process.
+    An FMU without a twin, or as the study asks, is linearised where it starts or has settled, in a child process.
     Raises `PlantError` if it is improper, has a zero at the origin, is not moved by the input … (the message says which).
     """
     changed = dict(parameters or {})
@@ -59,8 +56,9 @@ def linear_plant(plant: Plant, parameters: Mapping[str, Value] | None = None) ->
 
 
 def _twin(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value]) -> LinearPlant:
-    if fmu.archive.twin is None:
+    if not fmu.by_twin:
         return _linearised(fmu, plant, parameters)
+    assert fmu.archive.twin is not None
     try:
         twin = read_twin(fmu.archive.twin, parameters)
         if twin.input != plant.input:
@@ -76,22 +74,23 @@ def _twin(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value]) -> Linea
 def _linearised(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value]) -> LinearPlant:
     from fmus.linearization import linearize  # here, because it brings along what runs FMUs
 
-    name, u0 = fmu.archive.path.name, float(plant.initial_input)
+    name = fmu.archive.path.name
+    why = "as the study asks" if fmu.archive.twin is not None else "it brings no linear twin"
     try:
-        found = linearize(fmu.archive, plant.input, plant.output, {key: float(x) for key, x in parameters.items()}, initial_input=u0)
+        found = linearize(
+            fmu.archive,
+            plant.input,
+            plant.output,
+            {key: float(x) for key, x in parameters.items()},
+            initial_state={key: float(x) for key, x in fmu.initial_state.items()},
+            initial_input=float(plant.initial_input),
+            settle=fmu.settle,
+            method=fmu.method,
+            probe=fmu.identification,
+        )
+        found.require_rest(name)
+        linear = found.plant(plant.output).plant
     except FmuError as problem:
-        raise PlantError(f"{name} brings no linear twin (resources/twin.toml), and cannot be linearised: {problem}") from None
-    scale = max(1.0, float(abs(found.A).max(initial=0.0)), float(abs(found.B).max(initial=0.0)))
-    for state, rate in zip(found.states, found.rates.tolist(), strict=True):
-        if abs(rate) > AT_REST * scale:
-            raise PlantError(f"{name} is not at rest where it starts, with input {u0!r}: the derivative of {state!r} is {rate!r}")
-    noise = 0.0 if found.method == "directional derivatives" else NOISE * scale
-
-    def clean(entry: float) -> Fraction:
-        """Finite differences are known to about ten digits; what is left of a zero or of a whole number would be a mode of its own."""
-        nearest = round(entry)
-        return Fraction(nearest) if abs(entry - nearest) <= noise else Fraction(entry)
-
-    A, B, C = ([clean(x) for x in row] for row in found.A.tolist()), map(clean, found.B.tolist()), map(clean, found.C.tolist())
-    linear = LinearPlant.from_state_space(list(A), list(B), list(C), clean(found.D), name=plant.output)
-    return replace(linear, notes=(*linear.notes, f"{name} brings no linear twin: the linear plant is its linearisation by {found.method}"))
+        raise PlantError(f"{name} cannot be linearised ({why}): {problem}") from None
+    told = (f"the linear plant is that of {name} ({why}): {found.summary}", *found.notes)
+    return replace(linear, notes=(*linear.notes, *told))

@@ -55,6 +55,16 @@ class Initial(Section):
 
     state: State | None = None
     input: Number | None = None
+    settle: Annotated[bool | Decimal, BeforeValidator(values.settle)] | None = None  # [s], or until at rest
+
+
+class Identification(Section):
+    """What of an identification is not chosen automatically."""
+
+    step: Positive | None = None
+    samples: Annotated[Count, AfterValidator(values.response_samples)] | None = None
+    amplitude: Positive | None = None
+    order: Natural | None = None
 
 
 class Plant(Section):
@@ -77,6 +87,8 @@ class Plant(Section):
     outputs: Annotated[dict[Text, Numbers], Named] | None = None
     parameters: Annotated[dict[Text, Annotated[Any, BeforeValidator(values.setting)]], Named] | None = None
     initial: Initial | None = None
+    linearization: Literal["auto", "twin", "derivatives", "differences", "identified"] | None = None
+    identification: Identification | None = None
 
 
 class Maneuver(Section):
@@ -303,6 +315,7 @@ def _unknown_section(name: str) -> str:
 NESTED: dict[str, type[Section]] = {
     "modes": Mode,
     "initial": Initial,
+    "identification": Identification,
     "tail_length": TailLength,
     "zero_sensitivity": ZeroSensitivity,
     "distribution": Distribution,

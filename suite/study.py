@@ -19,6 +19,7 @@ from suite.quantity_names import Quantity
 
 if TYPE_CHECKING:
     from fmus.archives import Fmu
+    from fmus.stepping import Probe
 
 GRID = 11  # samples of one uncertain parameter, unless said otherwise
 
@@ -29,11 +30,29 @@ Complex = tuple[Decimal, Decimal]
 
 @dataclass(frozen=True, slots=True)
 class FmuPlant:
-    """An FMU and the start values that the study sets on it; `name` as written in the study."""
+    """An FMU and the start values that the study sets on it; `name` as written in the study.
+
+    It settles for `settle` [s] (infinite: until it rests) before anything begins. `linearization` names the linear plant that is asked
+    for, `identification` what of an identification is given.
+    """
 
     name: str
     archive: Fmu
     parameters: Mapping[str, Decimal] = field(default_factory=dict)
+    initial_state: Mapping[str, Decimal] = field(default_factory=dict)
+    settle: float = 0.0
+    linearization: Literal["auto", "twin", "derivatives", "differences", "identified"] = "auto"
+    identification: Probe | None = None
+
+    @property
+    def method(self) -> Literal["auto", "derivatives", "differences", "identified"]:
+        """How the FMU is linearised where it is."""
+        return "auto" if self.linearization == "twin" else self.linearization
+
+    @property
+    def by_twin(self) -> bool:
+        """Whether the linear plant is the FMU's own twin: no code has to run for it."""
+        return self.linearization == "twin" or (self.linearization == "auto" and self.archive.twin is not None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -102,7 +102,7 @@ def _task(plant: Plant, displacement: Decimal, limits: tuple[Decimal, Decimal], 
     rest = plant.initial_input
     if not lower <= rest <= upper:
         mistakes.append(Mistake("limits.input", [lower, upper], f"must contain the input at the initial rest, {rest}"))
-    if plant.fmu is not None and plant.fmu.archive.twin is None:
+    if plant.fmu is not None and not plant.fmu.by_twin:
         return  # only running its code, which reading a study does not, can tell
     try:
         final = Fraction(rest) + linear_plant(plant).rest_input(Fraction(displacement))
@@ -117,7 +117,7 @@ def _task(plant: Plant, displacement: Decimal, limits: tuple[Decimal, Decimal], 
 
 def _box(plant: Plant, axes: list[tuple[int, Uncertainty]], mistakes: list[Mistake]) -> None:
     """Every sample of each axis by itself is a plant: no mass is zero. Of very fine grids only the ends are tried."""
-    if plant.fmu is None or plant.fmu.archive.twin is None:
+    if plant.fmu is None or not plant.fmu.by_twin:
         return
     for item, axis in axes:
         for value in axis.values if axis.samples <= TRIED else (axis.lower, axis.upper):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from decimal import Decimal
@@ -11,6 +12,7 @@ from typing import Any
 from fmus.archives import Fmu, open_archive
 from fmus.descriptions import Description, Variable
 from fmus.errors import FmuError
+from fmus.stepping import Probe
 from suite import schema
 from suite.errors import ABSENT, Mistake
 from suite.plant_settings import plant_settings
@@ -72,7 +74,13 @@ def understand_plant(written: schema.Plant, folder: Path) -> tuple[Plant | None,
         return None, None, mistakes
     if form == "fmu":
         return _fmu_plant(written, folder, mistakes)
-    _refuse(written, ("parameters",), "belongs to an FMU; here the numbers themselves are the plant", mistakes)
+    _refuse(
+        written, ("parameters", "linearization", "identification"), "belongs to an FMU; here the numbers themselves are the plant", mistakes
+    )
+    for key in ("state", "settle"):
+        value = getattr(written.initial, key, None)
+        if value is not None:
+            mistakes.append(Mistake(f"plant.initial.{key}", value, "belongs to an FMU; numbers are deviations from the operating point"))
     if form != "A, B, C, D":
         _refuse(written, ("outputs",), "holds rows of C, so it belongs to the form A, B, C, D", mistakes)
     source = _numbers(written, form, mistakes)
@@ -87,7 +95,7 @@ def description(data: Mapping[str, Any], folder: Path) -> Description | None:
     """The description of the FMU that a parsed study names; None if it names none, or one that cannot be used."""
     plant = data.get("plant")
     name = plant.get("fmu") if isinstance(plant, dict) else None
-    fmu = _open(name, folder, []) if isinstance(name, str) and name else None
+    fmu = open_plant(name, folder, []) if isinstance(name, str) and name else None
     return None if fmu is None else fmu.description
 
 
@@ -145,19 +153,61 @@ def _numbers(written: schema.Plant, form: str, mistakes: list[Mistake]) -> Sourc
 
 def _fmu_plant(written: schema.Plant, folder: Path, mistakes: list[Mistake]) -> tuple[Plant | None, PlantNames | None, list[Mistake]]:
     _refuse(written, ("outputs",), "belongs to the form A, B, C, D; an FMU has names of its own for its variables", mistakes)
-    fmu = _open(written.fmu or "", folder, mistakes)
+    fmu = open_plant(written.fmu or "", folder, mistakes)
     if fmu is None:
         mistakes.extend(Mistake(f"plant.{key}", ABSENT, "is missing") for key in ("input", "output") if getattr(written, key) is None)
         return None, None, mistakes
     has, parameters = plant_settings(written.parameters or {}, fmu.description, written.input, mistakes)
-    entry = _variable("plant.input", written.input, has.drivable_input, has.names("input"), mistakes)
-    output = _variable("plant.output", written.output, lambda name: _real(has.find(name, "output")), has.names("output"), mistakes)
+    entry = variable("plant.input", written.input, has.drivable_input, has.names("input"), mistakes)
+    output = variable("plant.output", written.output, lambda name: _real(has.find(name, "output")), has.names("output"), mistakes)
+    states = _initial_state(written.initial, has, mistakes)
+    method, identification = written.linearization or "auto", written.identification
+    if method == "twin" and fmu.twin is None:
+        why = "needs a linear twin in the FMU (resources/twin.toml), which has none; valid are auto, derivatives, differences, identified"
+        mistakes.append(Mistake("plant.linearization", method, why))
+    if identification is not None and method not in ("auto", "identified"):
+        mistakes.append(
+            Mistake("plant.identification", ABSENT, f'means nothing for linearization = "{method}"; it belongs to "identified"')
+        )
     names = PlantNames(has, has.names("output"), written.output or "", written.input or "")
     if mistakes or entry is None or output is None:
         return None, names, mistakes
     start = Decimal(repr(entry.start)) if isinstance(entry.start, float) else Decimal(0)
-    source = FmuPlant(written.fmu or "", replace(fmu, description=has), parameters)
+    settle = None if written.initial is None else written.initial.settle
+    source = FmuPlant(
+        written.fmu or "",
+        replace(fmu, description=has),
+        parameters,
+        states,
+        math.inf if settle is True else float(settle or 0.0),
+        method,
+        None if identification is None else _probe(identification),
+    )
     return Plant(source, entry.name, output.name, entry.unit, output.unit, _initial_input(written, start)), names, mistakes
+
+
+def _probe(written: schema.Identification) -> Probe:
+    step, amplitude = (None if value is None else float(value) for value in (written.step, written.amplitude))
+    return Probe(step, written.samples, amplitude, written.order)
+
+
+def _initial_state(initial: schema.Initial | None, has: Description, mistakes: list[Mistake]) -> dict[str, Decimal]:
+    """Start values of states by their names; a list of them goes by the order of the FMU's states."""
+    given = None if initial is None else initial.state
+    if given is None:
+        return {}
+    if not isinstance(given, dict):
+        names = [name for name, _ in has.states]
+        if len(given) != len(names):
+            listed = f": {', '.join(names)}" if names else "; name them in a table"
+            mistakes.append(
+                Mistake("plant.initial.state", given, f"has {len(given)} numbers, and the FMU shows {len(names)} states{listed}")
+            )
+            return {}
+        given = dict(zip(names, given, strict=True))
+    for name, value in given.items():
+        variable(f"plant.initial.state.{name}", name, has.settable_state, (), mistakes, value)
+    return dict(given)
 
 
 def _real(variable: Variable) -> Variable:
@@ -167,7 +217,7 @@ def _real(variable: Variable) -> Variable:
     return variable
 
 
-def _variable(
+def variable(
     path: str,
     name: str | None,
     find: Callable[[str], Variable],
@@ -175,7 +225,7 @@ def _variable(
     mistakes: list[Mistake],
     value: object = None,
 ) -> Variable | None:
-    """What `find` finds; else None and a mistake at `path`."""
+    """What `find` finds; else None and a mistake at `path` (about `value`, if that is not the name)."""
     if name is None:
         mistakes.append(Mistake(path, ABSENT, f"is missing; the FMU has {', '.join(candidates[:12]) or 'none'}"))
         return None
@@ -186,8 +236,8 @@ def _variable(
         return None
 
 
-def _open(name: str, folder: Path, mistakes: list[Mistake]) -> Fmu | None:
-    """The FMU that a study names: one shipped here, or a file."""
+def open_plant(name: str, folder: Path, mistakes: list[Mistake], place: str = "plant.fmu") -> Fmu | None:
+    """The FMU of that name: one shipped here, or a file; else None and a mistake at `place`."""
     from fmus import build  # knows the compiler; a plant given as numbers needs none
 
     shipped = build.shipped()
@@ -200,11 +250,11 @@ def _open(name: str, folder: Path, mistakes: list[Mistake]) -> Fmu | None:
             if not path.is_file():
                 what = "a folder, not a file" if path.is_dir() else "no such file"
                 hint = did_you_mean(name, choices)
-                mistakes.append(Mistake("plant.fmu", name, f"{path} is {what}, and the plants shipped here are {', '.join(shipped)}{hint}"))
+                mistakes.append(Mistake(place, name, f"{path} is {what}, and the plants shipped here are {', '.join(shipped)}{hint}"))
                 return None
         fmu = open_archive(path)
         fmu.require_platform("co_simulation" if fmu.description.capabilities.co_simulation else "model_exchange")
     except FmuError as problem:
-        mistakes.append(Mistake("plant.fmu", name, str(problem)))
+        mistakes.append(Mistake(place, name, str(problem)))
         return None
     return fmu

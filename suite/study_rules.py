@@ -19,7 +19,6 @@ def _one_of(*refused: str) -> Callable[[object], bool]:
 
 UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     # Path: for which values it is refused, and what is possible instead. A key leaves this table when this version honours it.
-    "plant.initial.state": (_given, "a plant starts from its own start values"),
     "maneuver.initial_state": (_given, "a plant starts at rest"),
     "maneuver.scale": (_given, "|displacement| is the scale"),
     "limits.fuel": (_given, "limits.input alone limits the command; a requirement on fuel measures it"),

@@ -49,6 +49,22 @@ def text(value: object) -> str:
     return value
 
 
+def settle(value: object) -> bool | Decimal:
+    """`true`, or a time."""
+    if value is True:
+        return True
+    if value is False:
+        raise ValueError("must be true (until at rest) or a number of seconds; leave it out to start at once")
+    return positive(number(value))
+
+
+def response_samples(value: int) -> int:
+    """Samples of a response from which a plant can be identified."""
+    if not 16 <= value <= 4000:
+        raise ValueError("must be between 16 and 4000")
+    return value
+
+
 def positive(value: Decimal) -> Decimal:
     """Greater than 0."""
     if value <= 0:

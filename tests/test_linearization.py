@@ -85,12 +85,13 @@ def test_entries_that_are_no_numbers_are_refused() -> None:
         linearize(without_derivatives(faulty), "force", "position_2", {"stiffness": 1e308, "mass_1": 1e-308})
 
 
-def test_needs_model_exchange(fmu: Fmu, worker: Worker) -> None:
-    only = replace(fmu, description=replace(fmu.description, capabilities=replace(fmu.description.capabilities, model_exchange=None)))
-    with pytest.raises(DescriptionError, match="Model Exchange is needed"):
-        linearize(only, "force", "position_2", worker=worker)
-    with pytest.raises(DescriptionError, match="did you mean"):
+def test_names_that_do_not_exist_are_corrected(fmu: Fmu, worker: Worker) -> None:
+    with pytest.raises(DescriptionError, match="did you mean 'force'"):
         linearize(fmu, "forse", "position_2", worker=worker)
+    with pytest.raises(DescriptionError, match="did you mean 'position_2'"):
+        linearize(fmu, "force", "positon_2", worker=worker)
+    with pytest.raises(DescriptionError, match="did you mean 'stiffness'"):
+        linearize(fmu, "force", "position_2", {"stifness": 1.0}, worker=worker)
 
 
 def test_a_missing_file_is_said(fmu: Fmu, tmp_path: Path) -> None:

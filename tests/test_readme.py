@@ -187,7 +187,6 @@ def test_what_is_not_there_yet_is_named():
         "command.robustness": "a whole box",
         "command.type": "fuel-efficient commands",
         "command.alpha": "fuel-efficient commands",
-        "plant.initial.state": "an initial state",
         "maneuver.initial_state": "an initial state",
         "maneuver.scale": "an initial state",
         "uncertainty.distribution": "random samples",
