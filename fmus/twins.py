@@ -15,7 +15,7 @@ from __future__ import annotations
 import ast
 import math
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
@@ -23,6 +23,8 @@ from types import MappingProxyType
 from typing import Any, Protocol, Self, TypeVar
 
 from fmus.errors import DescriptionError
+from relaxations.boxes import Family
+from relaxations.families import Parameters, Ratio
 from relaxations.plants import LinearPlant
 
 Row = tuple[Fraction, ...]
@@ -169,6 +171,22 @@ def linear_plant(twin: TwinMatrices, output: str) -> LinearPlant:
     row, through = twin.outputs[output]
     others = {name: c for name, (c, d) in twin.outputs.items() if name != output and d == 0}
     return LinearPlant.from_state_space(twin.A, twin.B, row, through, outputs=others, name=output)
+
+
+def twin_family(text: str, output: str, varied: Sequence[str], parameters: Mapping[str, Fraction | Decimal | float | str] | None = None) -> Family:
+    """The twin over a box of the parameters `varied`, the others as in `read_twin`. Raises `DescriptionError` as that and `linear_plant` do."""
+    twin, data = read_twin(text, parameters), _load(text)
+    if output not in twin.outputs:
+        raise DescriptionError(f"the plant's linear twin has no output {output!r}; it has {', '.join(sorted(twin.outputs))}")
+    box = Parameters(tuple(varied))
+    numbers = {**{k: _exact(k, v) for k, v in _mapping(data, "parameters").items()}, **{k: _exact(k, v) for k, v in (parameters or {}).items()}}
+    values = {name: box.parameter(name) if name in varied else box.constant(value) for name, value in numbers.items()}
+
+    def entry(written: object) -> Ratio:
+        return evaluate(str(written), values, lambda digits: box.constant(Fraction(digits)))
+
+    A, B, written = [[entry(x) for x in row] for row in data["A"]], [entry(x) for x in data["B"]], _mapping(data, "outputs")[output]
+    return box.family(A, B, [entry(x) for x in written["C"]], entry(written["D"]))
 
 
 def evaluate(expression: str, values: Mapping[str, N], literal: Callable[[str], N]) -> N:
