@@ -85,7 +85,9 @@ class Parameters:
             c = _sum([moved[i][i] for i in range(n)], zero) * self.constant(Fraction(-1, k))
             characteristic.append(c)
             power = [[moved[i][j] + c if i == j else moved[i][j] for j in range(n)] for i in range(n)]
-        output = [D * characteristic[0]] + [_sum([C[j] * state[j] for j in range(n)], D * c) for state, c in zip(states, characteristic[1:], strict=True)]
+        output = [D * characteristic[0]] + [
+            _sum([C[j] * state[j] for j in range(n)], D * c) for state, c in zip(states, characteristic[1:], strict=True)
+        ]
         return self._reduced(output, characteristic, [[state[j] for state in states] for j in range(n)])
 
     def _reduced(self, output: Sequence[Ratio], characteristic: Sequence[Ratio], states: Sequence[Sequence[Ratio]]) -> Family:

@@ -40,7 +40,7 @@ RADII = (1e-22, 1e-14, 1e-10, 1e-8)
 SMALL = 1e-7
 """The finest of them times the equations' condition: the test contracts where that is small."""
 
-BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 1e-4)
+BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
 
 FINER = (1, 4, 16, 64)

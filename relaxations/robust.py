@@ -9,6 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 from relaxations.bounds import Settings, bracket
 from relaxations.boxes import Box, Sample
@@ -22,6 +23,7 @@ FIRST = {1: 7, 2: 4}  # samples of each parameter at first, by their number; 2 o
 FINE = {1: 121, 2: 21}  # places of each parameter at which a command is tried; 7 of more
 ROUNDS = 8
 EXCESS = 1e-7  # relative: a tolerance that is exceeded by less is left to the hair that the proof keeps inside
+ROUGH = 1e-5  # of α, while places are still sought
 TOLERANCE = 1e-7  # of α: closer to the root is closer than the grid
 
 
@@ -37,7 +39,7 @@ def sampled(posed: Problem, settings: Settings) -> tuple[Problem, Settings]:
     for _ in range(ROUNDS):
         posed = problem(posed.plants, replace(maneuver, box=replace(box, samples=tuple(dict.fromkeys(places)))))
         try:
-            found = bracket(posed, chosen, near)
+            found = bracket(posed, replace(chosen, tolerance=max(chosen.tolerance, ROUGH)), near)
         except SolverError:
             break
         if found.upper is None or not isinstance(found.dual, GridSolution):
@@ -62,11 +64,10 @@ def _worst(box: Box, looked: Sequence[Sample], solution: GridSolution, posed: Pr
     instants, levels = solution.program.instants, solution.levels / solution.fraction
     sides = [len({sample.place[i] for sample in looked}) for i in range(len(box.axes))]
     sizes = np.array([_size(sample, instants, levels) for sample in looked]).reshape(sides)
-    found = []
-    for at in np.ndindex(*sides):
-        if sizes[at] > posed.residuals.allowed * (1.0 + EXCESS) and sizes[at] >= _around(sizes, at).max():
-            found.append(_top(box, looked[int(np.ravel_multi_index(at, sides))], sizes, at))
-    return found
+    over = [
+        at for at in np.ndindex(*sides) if sizes[at] > posed.residuals.allowed * (1.0 + EXCESS) and sizes[at] >= _around(sizes, at).max()
+    ]
+    return [_top(box, posed, solution, looked[int(np.ravel_multi_index(at, sides))].place) for at in over]
 
 
 def _size(sample: Sample, instants: Reals, levels: Reals) -> float:
@@ -77,16 +78,26 @@ def _around(sizes: Reals, at: tuple[int, ...]) -> Reals:
     return sizes[tuple(slice(max(i - 1, 0), i + 2) for i in at)]
 
 
-def _top(box: Box, sample: Sample, sizes: Reals, at: tuple[int, ...]) -> tuple[Fraction, ...]:
-    """The top of the parabolas through a local maximum and its neighbours, axis by axis."""
-    place = []
-    for k, (axis, value) in enumerate(zip(box.axes, sample.place, strict=True)):
-        shift = 0.0
-        if 0 < at[k] < sizes.shape[k] - 1:
-            before, here, after = (sizes[(*at[:k], at[k] + step, *at[k + 1 :])] for step in (-1, 0, 1))
-            bend = before - 2 * here + after
-            shift = float((before - after) / (2 * bend)) if bend < 0 else 0.0
-        step = float(axis.high - axis.low) / max(sizes.shape[k] - 1, 1)
-        moved = value + Fraction(round(shift * step * 2**40), 2**40)
-        place.append(min(max(moved, axis.low), axis.high))
-    return tuple(place)
+def _top(box: Box, posed: Problem, solution: GridSolution, start: Sequence[Fraction]) -> tuple[Fraction, ...]:
+    """The local maximum of the residual near a place."""
+    instants, levels = solution.program.instants, solution.levels / solution.fraction
+    low, high = (np.array([float(side) for side in sides]) for sides in zip(*((a.low, a.high) for a in box.axes), strict=True))
+    width = np.where(high > low, high - low, 1.0)
+
+    def place(x: Reals) -> tuple[Fraction, ...]:
+        near = (Fraction(round(float(value) * 2**40), 2**40) for value in low + x * width)
+        return tuple(min(max(value, axis.low), axis.high) for value, axis in zip(near, box.axes, strict=True))
+
+    def size(x: Reals) -> float:
+        return -_size(Sample.of(place(x), box.family.member(place(x)), posed.hold), instants, levels)
+
+    begin = (np.array([float(value) for value in start]) - low) / width
+    span = 0.5 / (FINE.get(len(box.axes), 7) - 1)
+    found = minimize(
+        size,
+        begin,
+        method="Nelder-Mead",
+        bounds=[(max(x - 2 * span, 0.0), min(x + 2 * span, 1.0)) for x in begin],
+        options={"xatol": 1e-6, "fatol": EXCESS * posed.residuals.allowed / 4, "initial_simplex": None, "maxfev": 60 * len(begin)},
+    )
+    return place(np.asarray(found.x))
