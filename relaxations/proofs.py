@@ -27,7 +27,7 @@ from relaxations.maneuvers import Problem
 from relaxations.polishing import Polished, polish
 from relaxations.refinement import Extremal, outline
 from relaxations.repair import Repaired, pivots, repair
-from relaxations.robust import sampled
+from relaxations.robust import further, sampled
 
 Reals = NDArray[np.float64]
 
@@ -257,9 +257,14 @@ def _repaired(problem: Problem, task: dict[str, Any], near: float, settings: Set
     for beyond in BEYOND if problem.residuals is None else BEYOND[-4:]:
         try:
             solution = _cut(problem, instants(problem, near * (1.0 + beyond), settings), beyond / 4.0)
+            for _ in range(CUTS if problem.residuals is not None else 0):
+                if (more := further(problem, solution, beyond / 4.0)) is None:
+                    break
+                problem = more
+                solution = _cut(problem, instants(problem, near * (1.0 + beyond), settings), beyond / 4.0)
         except SolverError:
             continue
-        for snap in (1e-7, 0.0) if solution.reaches else ():
+        for snap in (1e-7, 0.0)[: 2 if problem.residuals is None else 1] if solution.reaches else ():
             fixed = repair(solution, snap)
             if fixed is None:
                 continue

@@ -45,11 +45,22 @@ def sampled(posed: Problem, settings: Settings) -> tuple[Problem, Settings]:
         if found.upper is None or not isinstance(found.dual, GridSolution):
             break
         near = found.upper
-        worst = _worst(box, looked, found.dual, posed)
+        worst = _worst(box, looked, found.dual, posed, 1.0 + EXCESS)
         if not worst:
             break
         places += worst
     return posed, chosen
+
+
+def further(posed: Problem, solution: GridSolution, inside: float) -> Problem | None:
+    """The problem with samples at the places where a solution whose limits are tightened by `inside` is not; None if there are none."""
+    box = posed.maneuver.box
+    assert box is not None
+    looked = [Sample.of(place, box.family.member(place), posed.hold) for place in _grid(box, FINE.get(len(box.axes), 7))]
+    worst = _worst(box, looked, solution, posed, 1.0 - inside / 2)
+    if not worst:
+        return None
+    return problem(posed.plants, replace(posed.maneuver, box=replace(box, samples=tuple(dict.fromkeys((*box.samples, *worst))))))
 
 
 def _grid(box: Box, count: int) -> list[tuple[Fraction, ...]]:
@@ -58,15 +69,13 @@ def _grid(box: Box, count: int) -> list[tuple[Fraction, ...]]:
     return list(itertools.product(*sides))
 
 
-def _worst(box: Box, looked: Sequence[Sample], solution: GridSolution, posed: Problem) -> list[tuple[Fraction, ...]]:
-    """The local maxima of the residual over the box that exceed the tolerance."""
+def _worst(box: Box, looked: Sequence[Sample], solution: GridSolution, posed: Problem, factor: float) -> list[tuple[Fraction, ...]]:
+    """The local maxima of the residual over the box that exceed `factor` times the tolerance."""
     assert posed.residuals is not None
     instants, levels = solution.program.instants, solution.levels / solution.fraction
     sides = [len({sample.place[i] for sample in looked}) for i in range(len(box.axes))]
     sizes = np.array([_size(sample, instants, levels) for sample in looked]).reshape(sides)
-    over = [
-        at for at in np.ndindex(*sides) if sizes[at] > posed.residuals.allowed * (1.0 + EXCESS) and sizes[at] >= _around(sizes, at).max()
-    ]
+    over = [at for at in np.ndindex(*sides) if sizes[at] > posed.residuals.allowed * factor and sizes[at] >= _around(sizes, at).max()]
     return [_top(box, posed, solution, looked[int(np.ravel_multi_index(at, sides))].place) for at in over]
 
 

@@ -19,7 +19,7 @@ from typing import Any
 from flint import acb, acb_poly, arb, fmpq, fmpq_poly
 
 from relaxations.checking.balls import Root, System, Wave, isolated, spend
-from relaxations.checking.reading import Undecided, require
+from relaxations.checking.reading import Refuted, Undecided, require
 
 Numbers = Sequence[arb | fmpq]
 
@@ -244,6 +244,8 @@ def within(
             (abs(2 * (whole.sizes[j].conjugate() * slopes[j]).real) * r for slopes, r in zip(whole.slopes, radii, strict=True)), arb(0)
         )
         squares.append(size.real * size.real + size.imag * size.imag + change)
+    if len(middle.sizes) == 1 and flexible[0] and middle.poles[0].real.is_zero() and abs(middle.sizes[0]) > allowed:
+        raise Refuted(f"the residual exceeds the tolerance at {', '.join(f'{float(arb(x).mid()):.6g}' for x in centre)}")
     if sum((arb(square.upper()).sqrt() for square in squares), arb(0)) <= allowed:
         return all(ball.real <= 0 for ball in balls)
     if not all(ball.real < 0 for ball in balls):
