@@ -77,7 +77,7 @@ def read_twin(text: str, parameters: Mapping[str, Value] | None = None) -> TwinM
 def twin_family(text: str, output: str, varied: Sequence[str], parameters: Mapping[str, Value] | None = None) -> Family:
     """The twin over a box of the parameters `varied`, the others as in `read_twin`. Raises `DescriptionError` as `linear_plant` does."""
     box = Parameters(tuple(varied))
-    twin = _matrices(text, parameters, lambda name, value: box.parameter(name) if name in varied else box.constant(value))
+    twin: Any = _matrices(text, parameters, lambda name, value: box.parameter(name) if name in varied else box.constant(value))
     row, through = _output(twin, output)
     return box.family(twin.A, twin.B, row, through)
 
@@ -191,7 +191,7 @@ def linear_plant(twin: TwinMatrices, output: str) -> LinearPlant:
     return LinearPlant.from_state_space(twin.A, twin.B, row, through, outputs=others, name=output)
 
 
-def _output(twin: TwinMatrices, output: str) -> tuple[Row, Fraction]:
+def _output(twin: TwinMatrices, output: str) -> tuple[Any, Any]:
     if output not in twin.outputs:
         raise DescriptionError(f"the plant's linear twin has no output {output!r}; it has {', '.join(sorted(twin.outputs))}")
     return twin.outputs[output]

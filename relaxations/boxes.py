@@ -1,7 +1,7 @@
 """Robust tasks: one command for every plant in a box of parameters, its residual vibration within a tolerance in all of them.
 
-The moments at the origin are the same functions in every plant, so all of them rest together there, exactly. Beside it each plant of the box
-may move: its output about its final value is bounded, instant by instant, by rows of the program (../docs/theory.md, section 3).
+The moments at the origin are the same functions in every plant, so all of them rest together there, exactly. Beside it each plant of the
+box may move: its output about its final value is bounded, instant by instant, by rows of the program (../docs/theory.md, section 3).
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One plant of the box at `place`: its poles beside the origin, with what weights their moments enter the output, their rest moments."""
+    """One plant of the box at `place`: poles beside the origin, the weights of their moments in the output, their moments at rest."""
 
     place: tuple[Fraction, ...]
     basis: Basis
@@ -176,7 +176,7 @@ class Residuals:
     def rows(self, looks: Reals) -> tuple[Reals, Reals]:
         """`R` (looks, n) and `e` (looks,): the residuals R M - α e of the moments M of all samples."""
         parts = [(sample.rows(since), sample.rest) for sample, since in zip(self.samples, self.split(looks), strict=True)]
-        return block_diag(*(rows for rows, _ in parts)), np.concatenate([rows @ rest for rows, rest in parts])
+        return np.asarray(block_diag(*(rows for rows, _ in parts))), np.concatenate([rows @ rest for rows, rest in parts])
 
     def exceeded(self, instants: Reals, levels: Reals) -> Reals:
         """Instants of local extremes beyond the tolerance, of levels that reach the target."""

@@ -97,6 +97,8 @@ def _top(box: Box, posed: Problem, solution: GridSolution, start: Sequence[Fract
         near = (Fraction(round(float(value) * 2**40), 2**40) for value in low + x * width)
         return tuple(min(max(value, axis.low), axis.high) for value, axis in zip(near, box.axes, strict=True))
 
+    allowed = float(box.tolerance * abs(posed.maneuver.displacement))
+
     def size(x: Reals) -> float:
         return -_size(Sample.of(place(x), box.family.member(place(x)), posed.hold), instants, levels)
 
@@ -107,6 +109,6 @@ def _top(box: Box, posed: Problem, solution: GridSolution, start: Sequence[Fract
         begin,
         method="Nelder-Mead",
         bounds=[(max(x - 2 * span, 0.0), min(x + 2 * span, 1.0)) for x in begin],
-        options={"xatol": 1e-6, "fatol": EXCESS * posed.residuals.allowed / 4, "initial_simplex": None, "maxfev": 60 * len(begin)},
+        options={"xatol": 1e-6, "fatol": EXCESS * allowed / 4, "initial_simplex": None, "maxfev": 60 * len(begin)},
     )
     return place(np.asarray(found.x))

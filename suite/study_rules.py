@@ -29,7 +29,10 @@ UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     "limits.pulse_width": (_given, "limits.input alone limits the command"),
     "limits.pulses": (_given, "limits.input alone limits the command"),
     "command.kind": (_one_of("fuel-efficient", "shaper", "pole-zero"), '"time-optimal" and "file" are supported'),
-    "command.final_tolerance": (_given, "the final error of other plants than the nominal one is measured, by a requirement on final_error"),
+    "command.final_tolerance": (
+        _given,
+        "the final error of other plants than the nominal one is measured, by a requirement on final_error",
+    ),
     "command.type": (_given, "profiles of every type are searched"),
     "command.alpha": (_given, "fuel has no price"),
     "uncertainty.distribution": (_given, "range is supported"),
@@ -85,7 +88,9 @@ def contradictions(study: schema.Written) -> Iterator[Mistake]:
         if study.command.robustness == "box" and not study.uncertainty:
             yield Mistake("command.robustness", "box", "needs a box: at least one [[uncertainty]]")
         if study.command.robustness == "box" and study.command.tolerance is None:
-            yield Mistake("command.tolerance", ABSENT, 'is missing; robustness = "box" needs the residual that every plant of the box may keep')
+            yield Mistake(
+                "command.tolerance", ABSENT, 'is missing; robustness = "box" needs the residual that every plant of the box may keep'
+            )
         if study.command.robustness == "box" and study.command.tail:
             yield Mistake("command.tail", True, 'contradicts robustness = "box": a tail hides in the zeros of one plant only')
     for i, axis in enumerate(study.uncertainty, 1):

@@ -24,9 +24,9 @@ from relaxations.checking.reading import Refuted, Undecided, require
 Numbers = Sequence[arb | fmpq]
 
 
-def member(box: Any, place: Numbers, which: str, derivative: int | None = None) -> list[arb | fmpq]:
+def member(box: Any, place: Numbers, which: str, derivative: int | None = None) -> list[Any]:
     """The coefficients, lowest power of s first, of numerator or denominator at a place in the box, or their derivative by a parameter."""
-    found = []
+    found: list[Any] = []
     for terms in reversed(getattr(box, which)):
         total: arb | fmpq = fmpq(0)
         for coefficient, powers in terms:
@@ -220,8 +220,8 @@ def prove(system: System, command: Numbers, n: int) -> None:
             if widths[widest] < fmpq(1, 2**40):
                 raise Undecided("the residual is not told from the tolerance somewhere in the box")
             low, high = sides[widest]
-            for half in ((low, centre[widest]), (centre[widest], high)):
-                waiting.append([half if i == widest else side for i, side in enumerate(sides)])
+            halves = (low, centre[widest]), (centre[widest], high)
+            waiting += [[half if i == widest else side for i, side in enumerate(sides)] for half in halves]
 
 
 def within(

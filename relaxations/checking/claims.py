@@ -116,9 +116,8 @@ def claim(found: Check) -> str:
     lines.append(f"Task: from rest at input {task['initial_input']} move the output by {task['displacement']}; {rest}.")
     lines.append(f"Limits: {low} ≤ u(t) ≤ {high} for all t ≥ 0.")
     if box:
-        lines.append(
-            f"  In every plant of the box the residual |y(t) - y(∞)| for t ≥ T is at most {box['tolerance']} of the displacement instead of 0;"
-        )
+        allowed = f"at most {box['tolerance']} of the displacement instead of 0"
+        lines.append(f"  In every plant of the box the residual |y(t) - y(∞)| for t ≥ T is {allowed};")
         lines.append("  y(∞) is the target in the nominal plant, and no plant keeps drifting.")
     if tail:
         where = f"within {tail['within']} of the nearer limit's distance from its final rest value"
