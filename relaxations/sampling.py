@@ -66,7 +66,7 @@ def sampled_minimum(problem: Problem, step: float, least: float = 0.0) -> Sample
 
 def _landed(problem: Problem, solution: programs.GridSolution) -> Command:
     """The program's levels, corrected where they have room so that they land to rounding and not only to the solver's tolerance."""
-    repaired = repair(problem, solution) if solution.fraction > 1.0 else None
+    repaired = repair(solution) if solution.fraction > 1.0 else None
     if repaired is None:
         lower, upper = problem.lower, problem.upper
         near = SNAP * (upper - lower)

@@ -6,6 +6,7 @@ import hashlib
 import json
 from fractions import Fraction
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -91,9 +92,9 @@ def test_a_box_without_width_lies_below_rest_and_comes_to_it():
 
 
 def test_a_larger_box_takes_no_less_and_a_larger_tolerance_no_more():
-    widths = [robust("1", "0.05", axis("stiffness", width)) for width in ("0.05", "0.2", "0.4")]
-    tolerances = [robust("1", tolerance, axis("stiffness", "0.2")) for tolerance in ("0.1", "0.05")]
-    for smaller, larger in [*zip(widths, widths[1:], strict=False), tuple(tolerances)]:
+    widths = [robust("1", "0.05", axis("stiffness", width)) for width in ("0", "0.2")]
+    tolerances = [robust("1", tolerance, axis("stiffness", "0.2")) for tolerance in ("0.2", "0.05")]
+    for smaller, larger in [*pairwise(widths), tuple(tolerances)]:
         assert larger.upper is not None
         assert smaller.lower <= larger.upper
 
@@ -148,7 +149,7 @@ def forged(content: bytes, change: Any) -> Outcome:
         (lambda d: d["task"]["box"]["denominator"][2][0].__setitem__(0, "2.5"), {Outcome.MALFORMED}),
         (lambda d: d["lower"]["samples"][0]["residual"][0].update(upper="-1"), {Outcome.MALFORMED}),
         (lambda d: d["lower"].update(samples=[]), {Outcome.REFUTED, Outcome.INCONCLUSIVE}),
-        (lambda d: d["claim"].update(lower=str(float(5.41))), {Outcome.REFUTED, Outcome.INCONCLUSIVE}),
+        (lambda d: d["claim"].update(lower=str(5.41)), {Outcome.REFUTED, Outcome.INCONCLUSIVE}),
         (lambda d: d["upper"].update(segments=d["upper"]["segments"][:-1]), {Outcome.MALFORMED, Outcome.REFUTED, Outcome.INCONCLUSIVE}),
     ],
 )
