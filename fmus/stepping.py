@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmus.errors import FmuError
+from fmus.variables import Value
 from relaxations.commands import Command
 
 MERGE = 1e-9
@@ -45,7 +46,7 @@ class Experiment:
     fmu: Path
     input: str
     outputs: tuple[str, ...]
-    parameters: Mapping[str, float]
+    parameters: Mapping[str, Value]
     initial_input: float
     initial_state: Mapping[str, float]
     command: Command

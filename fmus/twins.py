@@ -15,7 +15,7 @@ from __future__ import annotations
 import ast
 import math
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
@@ -23,9 +23,12 @@ from types import MappingProxyType
 from typing import Any, Protocol, Self, TypeVar
 
 from fmus.errors import DescriptionError
+from relaxations.boxes import Family
+from relaxations.families import Parameters
 from relaxations.plants import LinearPlant
 
 Row = tuple[Fraction, ...]
+Value = Fraction | Decimal | float | str
 
 LONGEST_EXPRESSION = 1000  # characters; a twin may come out of a stranger's FMU
 LARGEST_POWER = 16
@@ -58,22 +61,37 @@ class TwinMatrices:
     A: tuple[Row, ...]
     B: Row
     outputs: Mapping[str, tuple[Row, Fraction]]
+    parameters: Mapping[str, Fraction]
     nonlinear: bool = False
 
 
-def read_twin(text: str, parameters: Mapping[str, Fraction | Decimal | float | str] | None = None) -> TwinMatrices:
+def read_twin(text: str, parameters: Mapping[str, Value] | None = None) -> TwinMatrices:
     """The matrices of the twin.toml `text`, with `parameters` (in the plant's units) in place of the defaults it gives.
 
     Floats are taken as the binary fractions that they are. Raises `DescriptionError`: a malformed twin, a parameter
     that it does not have, or a value with which an entry has no meaning (a mass of zero).
     """
+    return _matrices(text, parameters, lambda name, value: value)
+
+
+def twin_family(text: str, output: str, varied: Sequence[str], parameters: Mapping[str, Value] | None = None) -> Family:
+    """The twin over a box of the parameters `varied`, the others as in `read_twin`. Raises `DescriptionError` as `linear_plant` does."""
+    box = Parameters(tuple(varied))
+    twin: Any = _matrices(text, parameters, lambda name, value: box.parameter(name) if name in varied else box.constant(value))
+    row, through = _output(twin, output)
+    return box.family(twin.A, twin.B, row, through)
+
+
+def _matrices(text: str, parameters: Mapping[str, Value] | None, number: Callable[[str, Fraction], Any]) -> TwinMatrices:
+    """The twin's entries in what `number` makes of a parameter (by name) and of any other number (named "")."""
     data = _load(text)
     defaults = _mapping(data, "parameters")
-    values = {name: _exact(f"parameters.{name}", value) for name, value in defaults.items()}
+    numbers = {name: _exact(f"parameters.{name}", value) for name, value in defaults.items()}
     for name, value in (parameters or {}).items():
-        if name not in values:
-            raise DescriptionError(f"the plant's linear twin has no parameter {name!r}; it has {', '.join(sorted(values)) or 'none'}")
-        values[name] = _exact(name, value)
+        if name not in numbers:
+            raise DescriptionError(f"the plant's linear twin has no parameter {name!r}; it has {', '.join(sorted(numbers)) or 'none'}")
+        numbers[name] = _exact(name, value)
+    values = {name: number(name, value) for name, value in numbers.items()}
 
     size, bases, nonlinear = _size(data), data.get("states"), data.get("nonlinear", False)
     if not isinstance(nonlinear, bool):
@@ -86,10 +104,13 @@ def read_twin(text: str, parameters: Mapping[str, Fraction | Decimal | float | s
     if len(states) > MOST_STATES:
         raise DescriptionError(f"the linear twin has {len(states)} states; at most {MOST_STATES} are read")
 
-    def entry(path: str, written: object, i: int = 0, j: int = 0) -> Fraction:
-        index = {} if size is None else {"i": Fraction(i), "j": Fraction(j), "size": Fraction(size)}
+    def literal(digits: str) -> Any:
+        return number("", Fraction(digits))
+
+    def entry(path: str, written: object, i: int = 0, j: int = 0) -> Any:
+        index = {} if size is None else {name: number("", Fraction(k)) for name, k in (("i", i), ("j", j), ("size", size))}
         try:
-            return evaluate(str(written), {**values, **index}, Fraction) if isinstance(written, str) else _exact(path, written)
+            return evaluate(written, {**values, **index}, literal) if isinstance(written, str) else number("", _exact(path, written))
         except DescriptionError as problem:
             raise DescriptionError(f"{path}: {problem}") from None
 
@@ -129,6 +150,7 @@ def read_twin(text: str, parameters: Mapping[str, Fraction | Decimal | float | s
         B=B,
         outputs=MappingProxyType(outputs),
         nonlinear=nonlinear,
+        parameters=MappingProxyType(numbers),
     )
 
 
@@ -164,11 +186,15 @@ def linear_plant(twin: TwinMatrices, output: str) -> LinearPlant:
     The other outputs go along for limits on them, those with feed-through excepted: a deflection limit on them is refused anyway.
     Raises `DescriptionError` for an output that the twin does not have.
     """
-    if output not in twin.outputs:
-        raise DescriptionError(f"the plant's linear twin has no output {output!r}; it has {', '.join(sorted(twin.outputs))}")
-    row, through = twin.outputs[output]
+    row, through = _output(twin, output)
     others = {name: c for name, (c, d) in twin.outputs.items() if name != output and d == 0}
     return LinearPlant.from_state_space(twin.A, twin.B, row, through, outputs=others, name=output)
+
+
+def _output(twin: TwinMatrices, output: str) -> tuple[Any, Any]:
+    if output not in twin.outputs:
+        raise DescriptionError(f"the plant's linear twin has no output {output!r}; it has {', '.join(sorted(twin.outputs))}")
+    return twin.outputs[output]
 
 
 def evaluate(expression: str, values: Mapping[str, N], literal: Callable[[str], N]) -> N:

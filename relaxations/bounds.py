@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -21,7 +21,7 @@ from relaxations.commands import Command, Segment, Tail
 from relaxations.duality import lower_bound
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.grids import grid
-from relaxations.maneuvers import Problem
+from relaxations.maneuvers import Problem, TargetSet
 from relaxations.refinement import Extremal, Failure, refine
 from relaxations.tails import Contact, Looks, TailStart
 
@@ -126,7 +126,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
     """
     chosen = settings or Settings()
     begun = time.perf_counter()
-    if problem.size == 0:  # a plant without states follows its input
+    if not problem.poles:  # a plant without states follows its input
         command = Command(0.0, (), Tail(problem.absolute(problem.hold)))
         return Bound(Status.BRACKETED, 0.0, 0.0, np.zeros(0), command, 0, STATELESS, 0, time.perf_counter() - begun)
     if (instant := _tail_only(problem)) is not None:
@@ -148,7 +148,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         upper = None if command is None else command.maneuver_time
         price = dual.price(problem)
         near = dual.maneuver_time if upper is None else upper
-        lower = float(lower_bound(dual.problem, dual.costate, near, price))
+        lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price))
         if upper is not None:
             lower = min(lower, upper)
         costate = np.array(dual.problem.modal(dual.costate), dtype=float)
@@ -190,8 +190,31 @@ def _tail_only(problem: Problem) -> Reals | None:
     return coefficients if max(over) <= 0.0 else None
 
 
+def extended(problem: Problem, costate: Reals, multipliers: Sequence[tuple[float, float, float]]) -> tuple[Problem, Reals]:
+    """The problem with the samples of a box as target sets, and the costate with what the residuals' multipliers say of these."""
+    residuals = problem.residuals
+    if residuals is None:
+        return problem, costate
+    sets = (*problem.sets, *(TargetSet(sample.basis, np.zeros(sample.basis.size)) for sample in residuals.samples))
+    return replace(problem, sets=sets, residuals=None), np.concatenate([costate, *(-part for part in residuals.costates(multipliers))])
+
+
+def first_looks(problem: Problem) -> Looks:
+    """Where limits after the move are imposed at first."""
+    return problem.tail.looks() if problem.residuals is None else Looks(problem.residuals.looks(), np.zeros(0))
+
+
+def exceeded(problem: Problem, solution: programs.GridSolution) -> Looks:
+    """Where a solution is beyond a limit that was not imposed there."""
+    if problem.residuals is not None:
+        return Looks(problem.residuals.exceeded(solution.program.instants, solution.levels / solution.fraction), np.zeros(0))
+    return problem.tail.exceeded(solution.tail_coefficients, solution.pull)
+
+
 def _refined(start: programs.GridSolution) -> Extremal | Failure:
     problem = start.problem  # in the coordinates that the program chose
+    if problem.residuals is not None:
+        return Failure("a robust command is repaired on the grid, not refined")
     return refine(problem, start.costate, start.maneuver_time, contacts(problem, start))
 
 
@@ -223,11 +246,11 @@ def instants(problem: Problem, horizon: float, settings: Settings) -> Reals:
 
 def _cut_minimum(problem: Problem, settings: Settings, near: float | None, settled: Callable[[programs.GridSolution], bool]) -> GridMinimum:
     """`grid_minimum` with cutting planes: the tail's limits are imposed at the extremes too at which the last tail exceeded them."""
-    looks = problem.tail.looks()
+    looks = first_looks(problem)
     grid = grid_minimum(problem, settings, near, looks, settled)
     count = grid.count
     for _ in range(CUTS):
-        if grid.settled or grid.above is None or not (over := problem.tail.exceeded(grid.above.tail_coefficients, grid.above.pull)):
+        if grid.settled or grid.above is None or not (over := exceeded(problem, grid.above)):
             break
         looks |= over
         grid = grid_minimum(problem, settings, grid.above.maneuver_time, looks, settled)
@@ -247,7 +270,7 @@ def grid_minimum(
     With the costate scaled to `λᵀ target = 1`, `dα/dT = σ(p(T))`. On logarithms a rigid body (α ~ T^m) is solved in one step, and no unit
     of time or amplitude matters. The search ends early with the first solution that is `settled`.
     """
-    growth = max((pole.value.real for target in problem.sets for pole in target.basis.poles), default=0.0)
+    growth = max((pole.real for pole in problem.poles), default=0.0)
     horizon = first = _first_guess(problem) if growth <= 0.0 else min(_first_guess(problem), 1.0 / growth)
     farthest = FARTHEST * first if growth <= 0.0 else LARGEST_EXPONENT / growth
     short = 0.0 if near else _energy_time(problem, settings, horizon, farthest)
@@ -341,7 +364,7 @@ def _first_guess(problem: Problem) -> float:
             else:
                 guess = max(guess, 1.0 / abs(pole.value))
             at += m * (2 if pole.is_flexible else 1)
-    return guess
+    return max([guess, *(1.0 / abs(pole) for pole in problem.poles if pole)])
 
 
 def staircase(problem: Problem, solution: programs.GridSolution) -> Command:

@@ -14,6 +14,7 @@ import numpy as np
 import rfc8785
 from numpy.typing import NDArray
 
+from relaxations.boxes import Box, Polynomial
 from relaxations.maneuvers import Problem
 from relaxations.plants import fraction
 
@@ -55,6 +56,7 @@ def task(problem: Problem) -> dict[str, Any]:
         plants.append({**written, "zeros": _zeros(problem)})
     return {
         "plants": plants,
+        "box": maneuver.box and _box(maneuver.box),
         "displacement": text(maneuver.displacement),
         "rest": "output" if maneuver.tail else "state",
         "limits": {
@@ -65,6 +67,20 @@ def task(problem: Problem) -> dict[str, Any]:
             },
         },
         "initial_input": text(maneuver.rest),
+    }
+
+
+def _box(box: Box) -> dict[str, Any]:
+    def written(which: Sequence[Polynomial]) -> list[Any]:
+        return [[[text(coefficient), list(powers)] for coefficient, powers in terms] for terms in which]
+
+    parameters = [{"name": a.name, "nominal": text(a.nominal), "low": text(a.low), "high": text(a.high)} for a in box.axes]
+    family = box.family
+    return {
+        "parameters": parameters,
+        "numerator": written(family.numerator),
+        "denominator": written(family.denominator),
+        "tolerance": text(box.tolerance),
     }
 
 
@@ -89,8 +105,18 @@ def costate_witness(problem: Problem, costate: Numbers, multipliers: Sequence[tu
                 at += width
             chains.append({"near": [text(pole.value.real), text(pole.value.imag)], "coefficients": coefficients})
         plants.append(chains)
-    tail = [{"time": text(time), "upper": text(above), "lower": text(below)} for time, above, below in multipliers]
-    return {"costate": plants, "tail": tail}
+    written = [{"time": text(time), "upper": text(above), "lower": text(below)} for time, above, below in multipliers]
+    residuals = problem.residuals
+    if residuals is None:
+        return {"costate": plants, "tail": written, "samples": []}
+    looks = np.array([float(time) for time, _, _ in multipliers])
+    samples = []
+    for k, (sample, since) in enumerate(zip(residuals.samples, residuals.split(looks), strict=True)):
+        own = [pair for pair, owner in zip(written, residuals.owner(looks), strict=True) if owner == k]
+        contacts = [{**pair, "time": text(float(time))} for pair, time in zip(own, since, strict=True)]
+        if contacts:
+            samples.append({"place": [text(x) for x in sample.place], "residual": contacts})
+    return {"costate": plants or [[]], "tail": [], "samples": samples}
 
 
 def tail_chains(problem: Problem, coefficients: Numbers) -> list[dict[str, Any]]:

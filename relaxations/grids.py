@@ -24,7 +24,7 @@ def grid(problem: Problem, horizon: float, least: int, per_period: float, most: 
 
     Numbers of cells come in few sizes, so that programs are compiled once.
     """
-    poles = {pole.value for target in problem.sets for pole in target.basis.poles if pole.value}
+    poles = {pole for pole in problem.poles if pole}
     fastest = max((abs(pole) for pole in poles), default=0.0)
     to_go = np.linspace(0.0, horizon, OUTLINE)
     if fastest * horizon > OUTLINE:

@@ -13,6 +13,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
+from relaxations.boxes import Box, Residuals, Sample
 from relaxations.errors import ManeuverError
 from relaxations.frames import Frame
 from relaxations.moments import Basis
@@ -56,6 +57,7 @@ class Maneuver:
     tail: bool = False
     tail_length: tuple[Fraction, Fraction] | None = None
     zero_sensitivity: Mapping[str, tuple[Fraction, Fraction]] = field(default_factory=dict)
+    box: Box | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,7 @@ class Problem:
     maneuver: Maneuver
     tail: TailSpace
     rest: float = 0.0
+    residuals: Residuals | None = None
     notes: tuple[str, ...] = field(default=())
     frame: Frame | None = None
 
@@ -91,15 +94,21 @@ class Problem:
         return sum(target.basis.size for target in self.sets)
 
     @property
+    def poles(self) -> set[complex]:
+        """All poles, those of the samples of a box too."""
+        bases = [own.basis for own in self.sets] + [sample.basis for sample in (self.residuals.samples if self.residuals else ())]
+        return {pole.value for basis in bases for pole in basis.poles}
+
+    @property
     def target(self) -> Reals:
         """All target sets' right-hand sides in one column."""
-        return self.frame.target if self.frame else np.concatenate([target.target for target in self.sets])
+        return self.frame.target if self.frame else np.concatenate([np.zeros(0), *(target.target for target in self.sets)])
 
     def rows(self, s: Sequence[float] | Reals, integrals: int = 0) -> Reals:
         """All target sets' `b(s)`, or its integrals from 0, stacked: shape (size, len(s))."""
         points = np.atleast_1d(np.asarray(s, dtype=float))
         if self.frame is None:
-            return np.vstack([target.basis.rows(points, integrals) for target in self.sets])
+            return np.vstack([np.zeros((0, len(points))), *(target.basis.rows(points, integrals) for target in self.sets)])
         rows, beyond = self.frame.rows(points, integrals), points > self.frame.horizon
         if beyond.any():  # with few digits only: to look over the edge
             rows[:, beyond] = self.frame.outside @ np.vstack([target.basis.rows(points[beyond], integrals) for target in self.sets])
@@ -177,7 +186,9 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
                 f"the input at the {where} rest is {float(value)!r}, outside the limits [{float(low)!r}, {float(high)!r}]: "
                 "the plant could not stay at rest there"
             )
-    sets = tuple(target_set(plant, maneuver) for plant in plants)
+    sets, residuals = tuple(target_set(plant, maneuver) for plant in plants), None
+    if maneuver.box is not None:
+        sets, residuals = _boxed(plants, maneuver, maneuver.box, float(holds.copy().pop()))
     stable = tuple(zero for zero in plants[0].zeros if zero.value.real < 0) if maneuver.tail else ()
     zeros, limited = caps(plants[0], stable, _sensitivities(plants[0], maneuver), maneuver.displacement)
     final = maneuver.rest + hold
@@ -192,8 +203,28 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         maneuver,
         tail,
         float(maneuver.rest),
+        residuals,
         tuple(note for plant in plants for note in plant.notes),
     )
+
+
+def _boxed(plants: Sequence[LinearPlant], maneuver: Maneuver, box: Box, hold: float) -> tuple[tuple[TargetSet, ...], Residuals]:
+    """The target at the origin, which is that of the nominal plant and zero velocity in all, and the residuals of the samples."""
+    if len(plants) != 1 or maneuver.tail or maneuver.robustness:
+        raise ManeuverError("a box is about one nominal plant's state rest: no tail, no further zeros")
+    (plant,) = plants
+    rigid = plant.rigid_order
+    basis, target = Basis(tuple(pole for pole in plant.poles if pole.is_rigid)), np.zeros(rigid)
+    if rigid:
+        target[-1] = float(maneuver.displacement) / plant.partial().residues[0][-1].real
+    samples = []
+    for place in box.samples or (box.nominal,):
+        one = box.family.member(place)
+        if one.rigid_order != rigid:
+            raise ManeuverError(f"the plants of a box have the same number of poles at the origin, not {rigid} and {one.rigid_order}")
+        samples.append(Sample.of(place, one, hold))
+    allowed = float(box.tolerance * abs(maneuver.displacement))
+    return (TargetSet(basis, target),) if rigid else (), Residuals(tuple(samples), allowed)
 
 
 def _sensitivities(plant: LinearPlant, maneuver: Maneuver) -> dict[complex, tuple[Fraction, Fraction]]:

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from relaxations.boxes import Residuals
 from relaxations.conditioning import framed
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.maneuvers import Problem
@@ -40,6 +41,8 @@ SETTINGS: dict[str, Any] = {
 }
 
 
+LOST = 1e-12  # of the largest singular value: smaller ones are rounding
+SMALL = 1e-4  # of the largest limited coefficient: smaller ones are not scaled up any further
 RESIDUAL = 1e-8  # relative; the solver's 1e-10 with room for limits far from the amplitudes used
 DEPENDENT, LOOSE = 1e-4, 1e-2  # what a row adds to those before it, relative to it: where it is less a frame, or another one, is made
 MARGIN = 0.02  # how much longer than the move a frame is, so that it serves for the moves that are looked at next
@@ -158,11 +161,13 @@ def build(problem: Problem, instants: Reals, looks: Looks | None = None, inside:
         raise ShortHorizonError(f"the moment equations are dependent on {cells} intervals over {horizon!r} s")
     target: Reals = np.linalg.solve(change.T, problem.target).astype(np.float64)
     columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
+    moves = problem, instants, orthonormal.T, target, change, problem.lower, problem.upper, columns
+    if problem.residuals is not None:
+        return _with_residuals(GridProgram(*moves, *_NO_LIMITS), problem.residuals, looks, inside)
     tail = problem.tail
     at, (faces, room) = looks or tail.looks(), tail.faces((looks or tail.looks()).turns)
     above, below = (np.concatenate([side, room]) * (1.0 - inside) for side in tail.room(at.instants))
     shapes, bounds = np.vstack([tail.rows(at.instants), faces]), np.array([cap.bound for cap in tail.caps]) * (1.0 - inside)
-    moves = problem, instants, orthonormal.T, target, change, problem.lower, problem.upper, columns
     return GridProgram(*moves, at.instants, shapes, above, below, bounds, tuple(cap.at for cap in tail.caps))
 
 
@@ -189,10 +194,38 @@ def energy_bound(problem: Problem, instants: Reals) -> float:
 
 def _orthonormal(problem: Problem, instants: Reals) -> tuple[Reals, Reals, float]:
     """Q and R of the transposed table of moments on the grid, and the least share of a row that is not a combination of those before."""
+    if not problem.size:
+        return np.zeros((len(instants) - 1, 0)), np.zeros((0, 0)), 1.0
     integrated = problem.rows(instants[-1] - instants, 1)
     orthonormal, change = np.linalg.qr((integrated[:, :-1] - integrated[:, 1:]).T)
     lengths = np.linalg.norm(change, axis=0)
     return orthonormal, change, float(np.min(np.abs(np.diag(change)) / lengths[: len(change)]))
+
+
+_NO_LIMITS = np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0), ()
+
+
+def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | None, inside: float) -> GridProgram:
+    """The limits `|R M - α e| ≤ α allowed` through the few directions that the moments have: `W u = z`, orthonormal, z free like a tail.
+
+    The motions of neighbouring plants hardly differ in the time that a move lasts, so their rows are dependent but for rounding.
+    """
+    at = residuals.looks() if looks is None else looks.instants
+    rows, offset = residuals.rows(at)
+    left, size, right = np.linalg.svd(residuals.table(program.instants), full_matrices=False)
+    kept = size > LOST * size[0]
+    shapes, directions = rows @ (left[:, kept] * size[kept]), right[kept]
+    allowed, free = residuals.allowed * (1.0 - inside), len(directions)
+    return replace(
+        program,
+        rows=np.vstack([program.rows, directions]),
+        target=np.concatenate([program.target, np.zeros(free)]),
+        columns=np.vstack([np.zeros((len(program.target), free)), np.eye(free)]),
+        looks=at,
+        shapes=shapes,
+        above=allowed + offset,
+        below=allowed - offset,
+    )
 
 
 @lru_cache(maxsize=16)
@@ -228,11 +261,12 @@ def solve(program: GridProgram) -> GridSolution:
     # Levels are measured in half the actuator's range, the target in its own length, a tail coefficient in what fills that range: every
     # number is then of order one.
     half = (program.upper - program.lower) / 2
-    length = float(np.linalg.norm(program.target)) / np.sqrt(cells)
+    length = float(np.linalg.norm(program.target) or np.abs(program.above).max()) / np.sqrt(cells)
     values = {"rows": program.rows, "target": program.target / length, "lower": program.lower / half, "upper": program.upper / half}
     unit = np.ones(0)
     if coefficients:
-        unit = 1.0 / np.abs(program.shapes).max(axis=0)
+        sizes = np.abs(program.shapes).max(axis=0)
+        unit = 1.0 / np.maximum(sizes, SMALL * sizes.max())
         values |= {"columns": program.columns * unit, "shapes": program.shapes * unit}
         values |= {"above": program.above / length, "below": program.below / length}
     for name, value in values.items():
@@ -265,7 +299,7 @@ def solve(program: GridProgram) -> GridSolution:
         half * float(compiled["fraction"].value) / length,
         levels,
         half * unit * compiled["tail"].value if coefficients else np.zeros(0),
-        np.linalg.solve(program.basis_change, multiplier / scale).astype(np.float64),
+        np.linalg.solve(program.basis_change, multiplier[: len(program.basis_change)] / scale).astype(np.float64),
         prices[0] / scale,
         prices[1] / scale,
         pull / scale,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations import certificates, programs
-from relaxations.bounds import CUTS, Bound, Settings, Status, bracket, contacts, instants
+from relaxations.bounds import CUTS, Bound, Settings, Status, bracket, contacts, exceeded, extended, first_looks, instants
 from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
@@ -27,6 +27,7 @@ from relaxations.maneuvers import Problem
 from relaxations.polishing import Polished, polish
 from relaxations.refinement import Extremal, outline
 from relaxations.repair import Repaired, pivots, repair
+from relaxations.robust import further, sampled
 
 Reals = NDArray[np.float64]
 
@@ -39,13 +40,13 @@ RADII = (1e-22, 1e-14, 1e-10, 1e-8)
 SMALL = 1e-7
 """The finest of them times the equations' condition: the test contracts where that is small."""
 
-BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 1e-4)
+BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
 
 FINER = (1, 4, 16, 64)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
 
-REGULAR, GOOD = 1e-12, 1e-7
+REGULAR, GOOD, ROBUST = 1e-12, 1e-7, 1e-4
 """Gaps: what a regular optimum comes to, at which the search ends; and what ends it on the finer grids."""
 
 
@@ -91,6 +92,8 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
     numerics fail altogether the bracket is [0, –].
     """
     begun, chosen = time.perf_counter(), settings or Settings()
+    if problem.residuals is not None:
+        problem, chosen = sampled(problem, chosen)
     task = certificates.task(problem)
     for form in ("face", "remainder"):
         content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, None, None)
@@ -107,7 +110,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
         count += looked.programs
         found = looked if found is None or (found.switches is None and looked.switches is not None) else found
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
-        if proof.gap <= REGULAR or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
+        if proof.gap <= (REGULAR if problem.residuals is None else ROBUST) or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
             break
     if found is None:
         # Nothing is known then but that no time is less than 0.
@@ -157,7 +160,7 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         return _instant(problem, task, found)
     proof, extremal = Proof(), found.dual
     problem = extremal.problem if extremal else problem
-    if isinstance(extremal, programs.GridSolution) and found.upper is not None:
+    if isinstance(extremal, programs.GridSolution) and found.upper is not None and problem.residuals is None:
         # Where Newton's method in doubles failed, one in more digits may find its way from the grid.
         extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal))
     if isinstance(extremal, Extremal) and (polished := polish(problem, extremal)) is not None:
@@ -178,7 +181,7 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
 
 def _lower(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
-    value = lower_bound(problem, dual.costate, near, dual.price(problem))
+    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem))
     witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers)
     for margin in MARGINS if value > 0.0 else ():
         side = Side(Fraction(value * (1.0 - margin)), witness)
@@ -251,12 +254,17 @@ def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: 
 def _repaired(problem: Problem, task: dict[str, Any], near: float, settings: Settings) -> tuple[Proof, programs.GridSolution | None]:
     """The upper side by linear repair, a little beyond the minimum time; with the program it came from."""
     solution: programs.GridSolution | None = None
-    for beyond in BEYOND:
+    for beyond in BEYOND if problem.residuals is None else BEYOND[-4:]:
         try:
             solution = _cut(problem, instants(problem, near * (1.0 + beyond), settings), beyond / 4.0)
+            for _ in range(CUTS if problem.residuals is not None else 0):
+                if (more := further(problem, solution, beyond / 4.0)) is None:
+                    break
+                problem = more
+                solution = _cut(problem, instants(problem, near * (1.0 + beyond), settings), beyond / 4.0)
         except SolverError:
             continue
-        for snap in (1e-7, 0.0) if solution.reaches else ():
+        for snap in (1e-7, 0.0)[: 2 if problem.residuals is None else 1] if solution.reaches else ():
             fixed = repair(solution, snap)
             if fixed is None:
                 continue
@@ -275,11 +283,10 @@ def _cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
 
     The limits are tightened by the fraction `inside`, which is what the last cut may be off by.
     """
-    looks = problem.tail.looks()
+    looks = first_looks(problem)
     solution = programs.solve(programs.build(problem, grid, looks, inside))
     for _ in range(CUTS):
-        over = problem.tail.exceeded(solution.tail_coefficients, solution.pull)
-        if not over:
+        if not (over := exceeded(problem, solution)):
             break
         looks |= over
         solution = programs.solve(programs.build(problem, grid, looks, inside))

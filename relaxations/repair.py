@@ -58,7 +58,7 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     instants = np.append(starts, solution.maneuver_time)
     integrated = problem.rows(solution.maneuver_time - instants, 1)
     table = integrated[:, :-1] - integrated[:, 1:]
-    size, tail = problem.size, solution.tail_coefficients.copy()
+    size, tail = problem.size, solution.tail_coefficients[: problem.tail.size].copy()
     # Rows scaled to one, columns weighted by the room they leave: pivoting then prefers unknowns that matter and may move. A tail
     # coefficient may move as far as the tail's own room, and its cap, let it.
     looks = problem.tail.looks().instants

@@ -16,7 +16,7 @@ from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
 from relaxations.sampling import Sampled, sampled_minimum
 from suite.errors import ABSENT, Mistake, StudyError
-from suite.plants import nominal_plant
+from suite.plants import box, nominal_plant
 from suite.study import Study
 
 
@@ -48,15 +48,16 @@ class Design:
 
 def pose(study: Study, plant: LinearPlant) -> Problem:
     """The equations and limits that the study asks of `plant`; raises `StudyError` if the maneuver is refused."""
-    length = study.limits.tail_length
+    length, robust = study.limits.tail_length, study.command.robustness
     maneuver = Maneuver(
         Fraction(study.maneuver.displacement),
         Limits(Fraction(study.limits.lower), Fraction(study.limits.upper)),
         Fraction(study.plant.initial_input),
-        study.command.robustness,
+        0 if robust == "box" else robust,
         study.command.tail,
         None if length is None else (Fraction(length[0]), Fraction(length[1])),
         {name: (Fraction(shift), Fraction(residual)) for name, (shift, residual) in study.limits.zero_sensitivity.items()},
+        box=box(study) if robust == "box" else None,
     )
     try:
         return problem([plant], maneuver)

@@ -76,7 +76,7 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         "task": {
             "displacement": float(study.maneuver.displacement),
             "input_limits": [float(study.limits.lower), float(study.limits.upper)],
-            "robustness": study.command.robustness if isinstance(study.command.robustness, int) else dict(study.command.robustness),
+            "robustness": dict(study.command.robustness) if isinstance(study.command.robustness, Mapping) else study.command.robustness,
             "kind": study.command.kind,
             "start": float(study.command.start),
             "rest": "output" if study.command.tail else "state",

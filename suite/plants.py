@@ -9,7 +9,8 @@ from fractions import Fraction
 
 from fmus.errors import FmuError
 from fmus.twins import linear_plant as twin_plant
-from fmus.twins import read_twin
+from fmus.twins import read_twin, twin_family
+from relaxations.boxes import Axis, Box
 from relaxations.errors import PlantError
 from relaxations.plants import LinearPlant
 from suite.errors import ABSENT, Mistake, StudyError
@@ -53,6 +54,23 @@ def linear_plant(plant: Plant, parameters: Mapping[str, Value] | None = None) ->
             return LinearPlant.from_state_space(source.A, source.B, source.C, source.D, source.outputs)
         case FmuPlant():
             return _twin(source, plant, {**source.parameters, **changed})
+
+
+def box(study: Study) -> Box:
+    """The plants over the study's whole box, as one family; raises `StudyError` where they are not known in closed form."""
+    source, plant = study.plant.source, study.plant
+    if not isinstance(source, FmuPlant) or source.archive.twin is None:
+        why = "needs plants that are known between the samples: a shipped plant, or an FMU with a linear twin (resources/twin.toml)"
+        raise StudyError(str(study.file), [Mistake("command.robustness", "box", why)])
+    varied = [axis.parameter for axis in study.uncertainties]
+    try:
+        twin = read_twin(source.archive.twin, source.parameters)
+        family = twin_family(source.archive.twin, plant.output, varied, source.parameters)
+    except FmuError as problem:
+        raise StudyError(str(study.file), [Mistake("plant", ABSENT, str(problem))]) from problem
+    sides = ((axis, twin.parameters[axis.parameter]) for axis in study.uncertainties)
+    axes = tuple(Axis(axis.parameter, nominal, Fraction(axis.lower), Fraction(axis.upper)) for axis, nominal in sides)
+    return Box(axes, family, Fraction(study.command.tolerance or 0))
 
 
 def _twin(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value]) -> LinearPlant:

@@ -138,13 +138,15 @@ class Limits:
 class CommandRequest:
     """What command is asked for: the fastest one with `robustness` further zeros at each flexible mode, or the one in `file` (`given`).
 
-    `robustness` may count them mode by mode (`{"mode[2]": 1, "real[1]": 1}`); with `tail` only the output has to rest. The command begins
-    `start` seconds after the beginning of a run.
+    `robustness` may count them mode by mode (`{"mode[2]": 1, "real[1]": 1}`), or be "box": every plant of the box may keep a residual of
+    `tolerance`, a fraction of the displacement. With `tail` only the output has to rest. The command begins `start` seconds after the
+    beginning of a run.
     """
 
     kind: Literal["time-optimal", "file"] = "time-optimal"
-    robustness: int | Mapping[str, int] = 0
+    robustness: int | Mapping[str, int] | Literal["box"] = 0
     tail: bool = False
+    tolerance: Decimal | None = None
     start: Decimal = Decimal(0)
     file: Path | None = None
     given: Command | None = None

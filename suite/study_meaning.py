@@ -144,10 +144,8 @@ def _command(written: schema.Command, folder: Path, mistakes: list[Mistake]) -> 
         except CommandError as problem:
             mistakes.append(Mistake("command.file", written.file, f"{path}: {problem}"))
         return None
-    robustness = written.robustness or 0
-    if isinstance(robustness, str):
-        return None  # "box": refused elsewhere
-    return CommandRequest("time-optimal", robustness=robustness, tail=bool(written.tail), start=start)
+    tolerance = written.tolerance if written.robustness == "box" else None
+    return CommandRequest("time-optimal", written.robustness or 0, bool(written.tail), tolerance, start)
 
 
 def _within(command: Command, file: str | None, limits: tuple[Decimal, Decimal], mistakes: list[Mistake]) -> None:

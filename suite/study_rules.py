@@ -28,7 +28,10 @@ UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     "limits.pulse_width": (_given, "limits.input alone limits the command"),
     "limits.pulses": (_given, "limits.input alone limits the command"),
     "command.kind": (_one_of("fuel-efficient", "shaper", "pole-zero"), '"time-optimal" and "file" are supported'),
-    "command.robustness": (_one_of("box"), "a number of further zeros at every flexible mode, or a table of them, is supported"),
+    "command.final_tolerance": (
+        _given,
+        "the final error of other plants than the nominal one is measured, by a requirement on final_error",
+    ),
     "command.type": (_given, "profiles of every type are searched"),
     "command.alpha": (_given, "fuel has no price"),
     "uncertainty.distribution": (_given, "range is supported"),
@@ -83,6 +86,12 @@ def contradictions(study: schema.Written) -> Iterator[Mistake]:
         yield from _command(study.command)
         if study.command.robustness == "box" and not study.uncertainty:
             yield Mistake("command.robustness", "box", "needs a box: at least one [[uncertainty]]")
+        if study.command.robustness == "box" and study.command.tolerance is None:
+            yield Mistake(
+                "command.tolerance", ABSENT, 'is missing; robustness = "box" needs the residual that every plant of the box may keep'
+            )
+        if study.command.robustness == "box" and study.command.tail:
+            yield Mistake("command.tail", True, 'contradicts robustness = "box": a tail hides in the zeros of one plant only')
     for i, axis in enumerate(study.uncertainty, 1):
         if axis:
             yield from _axis(axis, f"uncertainty[{i}]")

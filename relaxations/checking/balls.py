@@ -193,6 +193,8 @@ def system(task: Any) -> System:
     require(longest <= LARGEST_POLYNOMIAL, "the plant's numbers are too long")
     require(not output or numerator.gcd(denominator).degree() == 0, "under output rest numerator and denominator have no common factor")
     roots, zeros = further(isolated(denominator), plant.zeros), stable(numerator) if output else ()
+    if task.box is not None:  # only at the origin do all plants come to rest
+        roots = tuple(root for root in roots if root.value.is_zero())
     rigid = next(k for k, c in enumerate(denominator.coeffs()) if c != 0)
     ratio = task.displacement * denominator[rigid] / numerator[0]
     rest = fmpq(0) if rigid else ratio

@@ -18,6 +18,7 @@ from typing import Any
 import flint
 from flint import acb, arb, arb_mat, fmpq
 
+from relaxations.checking import boxes
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -95,12 +96,13 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     """Prove that no admissible command takes `time` seconds or less; raises `Refuted` or `Undecided`."""
     require(bool(system.zeros) or not witness.tail, "multipliers of a tail that the task does not have")
     numbers, price = costate(system, witness)
-    gain = (numbers.transpose() * system.target)[0, 0] - price
+    roots, others, relief = boxes.relaxed(system, witness.samples)
+    gain = sum((a * b for a, b in zip(numbers.entries(), system.target.entries(), strict=True)), relief - price)
     if gain <= 0:
         raise Refuted("the lower bound's inequality (2) is false for this costate, whatever the time")
     if not gain > 0:
         raise Undecided("the lower bound's inequality (2) is undecided at this precision")
-    p, end = Wave.of(system.roots, numbers.entries()), arb(time)
+    p, end = Wave.of((*system.roots, *roots), [*numbers.entries(), *others]), arb(time)
     fine = (gain / end * arb(2) ** (-flint.ctx.prec // 2)).lower()
     limits = arb(system.lower), arb(system.upper)
     if support(p, end.upper(), *limits, fine) < gain:

@@ -68,6 +68,12 @@ def counts(data: Any, where: str) -> dict[str, int]:
     return data
 
 
+def name(data: Any, where: str) -> str:
+    """A short printable name."""
+    require(isinstance(data, str) and 0 < len(data) <= 80 and data.isprintable(), f"{where} is a short name")
+    return data
+
+
 def sensitivities(data: Any, where: str) -> dict[str, tuple[fmpq, fmpq]]:
     """Shift and residual by the name of a zero."""
     require(isinstance(data, dict) and len(data) <= MOST_POLES and all(map(_ZERO.fullmatch, data)), f"{where} names zero[i]")
@@ -82,11 +88,26 @@ POLYNOMIAL: list[Any] = [real, 1, MOST_POLES + 1]  # the highest power of s firs
 PLANT = {"numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "zeros": counts}
 LENGTH = {"time": real, "within": real}  # seconds after the move, and a fraction
 LIMITS = {"input": PAIR, "tail_length": (None, LENGTH), "zero_sensitivity": sensitivities}  # the input's are absolute
-TASK = {"plants": [PLANT, 1, 1], "displacement": real, "rest": {"state", "output"}, "limits": LIMITS, "initial_input": real}
+# Plants whose coefficients are polynomials in parameters: sums of terms, a number and the power of each parameter. Every plant of the box,
+# the one written (nominal values) among them, may keep a residual of `tolerance` times the displacement.
+TERMS: list[Any] = [(real, [natural, 1, 8]), 0, 1000]
+COEFFICIENTS: list[Any] = [TERMS, 1, MOST_POLES + 1]  # the highest power of s first
+PARAMETER = {"name": name, "nominal": real, "low": real, "high": real}
+BOX = {"parameters": [PARAMETER, 1, 8], "numerator": COEFFICIENTS, "denominator": COEFFICIENTS, "tolerance": real}
+TASK = {
+    "plants": [PLANT, 1, 1],
+    "box": (None, BOX),
+    "displacement": real,
+    "rest": {"state", "output"},
+    "limits": LIMITS,
+    "initial_input": real,
+}
 # coefficients c_k of `Re Σ c_k s^k/k! e^{ps}` at the root p nearest to a point
 CHAINS: list[Any] = [{"near": PAIR, "coefficients": [PAIR, 0, MOST_POLES]}, 0, MOST_POLES]
 # a costate for each plant, and the multipliers μ⁺ and μ⁻ of the tail's limits so many seconds after the move
-LOWER = {"costate": [CHAINS, 1, 1], "tail": [{"time": real, "upper": real, "lower": real}, 0, MOST_CONTACTS]}
+CONTACTS: list[Any] = [{"time": real, "upper": real, "lower": real}, 0, MOST_CONTACTS]
+# … and of the residuals of plants at places in the box
+LOWER = {"costate": [CHAINS, 1, 1], "tail": CONTACTS, "samples": [{"place": [real, 1, 8], "residual": CONTACTS}, 0, 1000]}
 # A command near an exact solution: absolute levels from their starts on, then a tail. `free` names its unknowns, each within `radius` of
 # what is written: ["time", 0, 0], ["start" or "level", i, 0] of segment i, ["re" or "im", i, k] of coefficient k of the tail's chain i.
 SEGMENTS = [{"start": real, "level": real}, 0, MOST_SEGMENTS]
@@ -133,8 +154,9 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     require(bool(sides) != (claim.impossible is not None), "a claim has sides, or says that the task is impossible")
     require(all(side >= 0 for side in sides), "a maneuver time is not negative")
     require(bool(lower or not claim.lower) and bool(upper or claim.upper is None), "a side that is claimed has no witness")
-    prices = [x for contact in lower.tail for x in vars(contact).values()] if lower else []
-    require(all(x >= 0 for x in prices), "times and multipliers of the tail are not negative")
+    contacts = [*lower.tail, *(contact for sample in lower.samples for contact in sample.residual)] if lower else []
+    require(all(x >= 0 for contact in contacts for x in vars(contact).values()), "times and multipliers of limits are not negative")
+    require(task.box is not None or not lower or not lower.samples, "samples of a box that the task does not have")
     if upper:
         begins = upper.segments[0].start == 0 < upper.maneuver_time if upper.segments else upper.maneuver_time == 0
         require(begins and upper.radius > 0, "a move with segments begins at 0 and lasts longer than 0, and the radius is positive")

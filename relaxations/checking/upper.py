@@ -13,6 +13,7 @@ from typing import Any
 
 from flint import acb, arb, arb_mat, fmpq
 
+from relaxations.checking import boxes
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -161,4 +162,6 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     tail_limits(system, n, command)
     for places, cap in system.capped:
         at_most(abs(acb(*(arb(command[2 * n + 1 + place]) for place in places))), cap, "the tail is insensitive to a zero's place")
+    if system.task.box is not None:
+        boxes.prove(system, command, n)
     at_most(command[0], time, "the command takes no longer than claimed")
