@@ -14,7 +14,7 @@ from fractions import Fraction
 from relaxations.bounds import Bound
 from relaxations.errors import ShaperError
 from relaxations.maneuvers import Limits, Maneuver, problem
-from relaxations.modes import Mode
+from relaxations.shaper_modes import Mode
 from relaxations.plants import Exact, LinearPlant, exact
 from relaxations.proofs import minimum_time
 from relaxations.shapers import Shaper

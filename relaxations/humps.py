@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from relaxations.bounded_shapers import bounded
 from relaxations.continuation import continued
 from relaxations.errors import ShaperError
-from relaxations.modes import Mode
+from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper
 
 Reals = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from relaxations.continuation import continued
 from relaxations.errors import ShaperError
-from relaxations.modes import Mode
+from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper
 
 Reals = NDArray[np.float64]

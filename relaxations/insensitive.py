@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 
 from relaxations import programs
 from relaxations.errors import ShaperError, SolverError
-from relaxations.modes import Mode
+from relaxations.shaper_modes import Mode
 from relaxations.sensitivity import residual
 from relaxations.shapers import Shaper
 

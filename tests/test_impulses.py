@@ -12,7 +12,7 @@ from relaxations.bounds import Status
 from relaxations.errors import ShaperError
 from relaxations.humps import extra_insensitive, unity_magnitude
 from relaxations.impulses import derivative_shaper, equally_spaced, mzv, negative_zv
-from relaxations.modes import Mode
+from relaxations.shaper_modes import Mode
 from relaxations.sensitivity import insensitivity, residual
 from relaxations.shapers import Shaper
 
