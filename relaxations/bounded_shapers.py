@@ -14,9 +14,9 @@ from fractions import Fraction
 from relaxations.bounds import Bound
 from relaxations.errors import ShaperError
 from relaxations.maneuvers import Limits, Maneuver, problem
-from relaxations.shaper_modes import Mode
 from relaxations.plants import Exact, LinearPlant, exact
 from relaxations.proofs import minimum_time
+from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper
 
 

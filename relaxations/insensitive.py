@@ -21,8 +21,8 @@ from scipy.optimize import minimize
 
 from relaxations import programs
 from relaxations.errors import ShaperError, SolverError
-from relaxations.shaper_modes import Mode
 from relaxations.sensitivity import residual
+from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper
 
 Reals = NDArray[np.float64]

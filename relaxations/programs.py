@@ -293,7 +293,8 @@ def closest(columns: NDArray[np.complex128], radii: Reals) -> ConeSolution:
     x, r = cp.Variable(columns.shape[1]), cp.Variable()
     reached = cp.vstack([columns.real @ x, columns.imag @ x])
     circles = cp.SOC(radii + r, reached, axis=0)
-    program = cp.Problem(cp.Minimize(r), [circles, cp.sum(x) == 1, x >= 0])
+    limits: list[Any] = [circles, cp.sum(x) == 1, x >= 0]
+    program = cp.Problem(cp.Minimize(r), limits)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # as above: judged by what is used of it
         try:

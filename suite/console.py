@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from suite.collection import Bracketed
     from suite.review import Review
     from suite.simulation import Simulated
+    from suite.shaping import Shaping
 
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
 WIDTH = 140  # of tables that are written to a file or a pipe, where no terminal says how wide it is
@@ -266,6 +267,27 @@ def _roots(roots: Sequence[Pole]) -> str:
         return "".join(parts) + (f" (×{root.multiplicity})" if root.multiplicity > 1 else "")
 
     return ", ".join(map(one, roots)) or "–"
+
+
+def show_shaper(done: Shaping) -> None:
+    """Impulses, duration with its lower bound, insensitivity, and the proven worst case."""
+    console, request = _out(), done.request
+    table = Table("instant [s]", "amplitude")
+    for column in table.columns:
+        column.justify = "right"
+    for time, amplitude in zip(done.shaper.times, done.shaper.amplitudes, strict=True):
+        table.add_row(f"{time:.10f}", f"{amplitude:.10f}")
+    console.print(table)
+    console.print(f"duration: {done.shaper.duration!r} s", soft_wrap=True)
+    if done.least:
+        how = "proved" if done.least.proved else "not proved"
+        console.print(escape(f"least duration: {done.least.duration!r} s, of {done.least.among}: {how}"), soft_wrap=True)
+    console.print(f"insensitivity at {100 * request.tolerance:g} %: {done.insensitivity:.6f} of the frequency (measured)")
+    low, high = done.damping or (None, None)
+    damping = "" if low is None else f", damping {low:g} to {high:g}"
+    box = f"frequency × {request.band[0]:g} to {request.band[1]:g}{damping}"
+    interval = f"[{_outward(done.worst.lower, ROUND_FLOOR)}, {_outward(done.worst.upper, ROUND_CEILING)}]"
+    console.print(escape(f"worst residual vibration, {box}: {interval}, mode {done.worst_mode}: proved"), soft_wrap=True)
 
 
 def _coloured(verdict: str) -> str:

@@ -12,8 +12,8 @@ from relaxations.bounds import Status
 from relaxations.errors import ShaperError
 from relaxations.humps import extra_insensitive, unity_magnitude
 from relaxations.impulses import derivative_shaper, equally_spaced, mzv, negative_zv
-from relaxations.shaper_modes import Mode
 from relaxations.sensitivity import insensitivity, residual
+from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper
 
 DAMPINGS = (0.0, 0.02, 0.1, 0.3, 0.7)
