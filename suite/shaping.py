@@ -58,7 +58,7 @@ class Shaping:
 
     def to_dict(self) -> dict[str, Any]:
         """The object of `shaper --json` (docs/schemas.md)."""
-        least = self.least and {"lower": self.least.duration, "among": self.least.among, "proved": self.least.proved}
+        least = self.least and {"lower": self.least.duration, "among": self.least.among}
         return {
             "kind": self.kind,
             "times": list(self.shaper.times),
