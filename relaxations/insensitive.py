@@ -223,8 +223,8 @@ class _Search:
                 weight = sum((y for (_, y), near in zip(mine, nearest, strict=True) if near == place), 0j)
                 if abs(weight) > TOUCHING:
                     chosen.append((replace(mine[0][0], frequency=float(top), inner=low < top < high), weight))
-        multipliers = np.array([y for _, y in chosen])
-        return [d for d, _ in chosen], multipliers / max(float(np.abs(multipliers).sum()), 1e-300)
+        multipliers = np.array([y for _, y in chosen], dtype=np.complex128)
+        return [d for d, _ in chosen], (multipliers / max(float(np.abs(multipliers).sum()), 1e-300)).astype(np.complex128)
 
     def _holds(self, found: Extremal) -> bool:
         over = exceeded(found.times, found.amplitudes, self.bands, 1.0)
@@ -238,7 +238,9 @@ class _Search:
             solution, instants = self.solve(duration), self.instants(duration)
             kept = np.flatnonzero(solution.weights > 1e-7)
             exact = [d for d in self.demands if not d.tolerance]
-            table = rows(exact, instants[kept], duration) if exact else np.zeros((0, len(kept)), dtype=complex)
+            table: NDArray[np.complex128] = (
+                rows(exact, instants[kept], duration) if exact else np.zeros((0, len(kept)), dtype=np.complex128)
+            )
             equations = np.vstack([np.ones(len(kept)), table.real, table.imag])
             missed = np.eye(len(equations))[0] - equations @ solution.weights[kept]
             weights = solution.weights[kept] + np.linalg.lstsq(equations, missed, rcond=None)[0]

@@ -2,8 +2,8 @@
 
     y(t_n) = Σ_i A_i r(t_n - t_i),   t_n = nh,   r linear between samples and `rest` before the first
 
-A shaper whose instants are multiples of the sample time (relaxations.sampled_shapers) is applied exactly; of others each impulse becomes two
-neighbouring ones, which keeps the sum and the centre of every impulse and changes what is left by the order of (ωh)²/8 of it.
+A shaper whose instants are multiples of the sample time (relaxations.sampled_shapers) is applied exactly; of others each impulse becomes
+two neighbouring ones, which keeps its sum and its centre and changes its phasor by the order of (ωh)²/8 of it.
 A varying shaper reads A_i and t_i from a schedule at t_n: they and r are continuous, and so is the output.
 """
 
@@ -57,7 +57,7 @@ class Stream:
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """Which shaper acts when: `shapers` at ascending `instants` [s], as many impulses in each, in between both mixed, at either end held."""
+    """Which shaper acts when: `shapers` of as many impulses at ascending `instants` [s], in between both mixed, at either end held."""
 
     instants: tuple[float, ...]
     shapers: tuple[Shaper, ...]
@@ -79,7 +79,7 @@ class Schedule:
         """A shaper of one kind for a mode that is known at some instants."""
         return Schedule(tuple(instants), tuple(map(make, modes)))
 
-    def at(self, instants: Reals) -> tuple[Reals, Reals]:
+    def at(self, instants: ArrayLike) -> tuple[Reals, Reals]:
         """Times and amplitudes of the impulses (impulses, n) at `instants` (n,) [s]."""
         times, amplitudes = (
             np.array([np.interp(instants, self.instants, column) for column in zip(*numbers, strict=True)])
