@@ -81,8 +81,9 @@ class Schedule:
 
     def at(self, instants: ArrayLike) -> tuple[Reals, Reals]:
         """Times and amplitudes of the impulses (impulses, n) at `instants` (n,) [s]."""
+        where = np.asarray(instants, dtype=float)
         times, amplitudes = (
-            np.array([np.interp(instants, self.instants, column) for column in zip(*numbers, strict=True)])
+            np.array([np.interp(where, self.instants, column) for column in zip(*numbers, strict=True)])
             for numbers in ([s.times for s in self.shapers], [s.amplitudes for s in self.shapers])
         )
         return times, amplitudes

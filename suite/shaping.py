@@ -25,6 +25,7 @@ from suite.values import mode_text
 
 UNITS = {"Hz": 2.0 * math.pi, "rad/s": 1.0}
 CURVE, STEPS = 601, 801  # samples of the two charts
+PROVEN = 1e-10  # how closely the worst case is enclosed: closer than a shaper is designed below its tolerance
 R = TypeVar("R")
 
 
@@ -85,7 +86,7 @@ def design(asked: Asked) -> Shaping:
         low, high = damping or (mode.damping, mode.damping)
         frequencies = [Fraction(repr(factor)) * Fraction(repr(mode.frequency)) for factor in request.band]
         box = (frequencies[0], frequencies[1]), (Fraction(repr(low)), Fraction(repr(high)))
-        found.append(worst_residual(*exact, *box))
+        found.append(worst_residual(*exact, *box, relative=PROVEN, absolute=PROVEN))
     worst = max(range(len(found)), key=lambda i: found[i].upper)
     width = min(insensitivity(times, amplitudes, mode.frequency, mode.damping, request.tolerance) for mode in request.modes)
     # The largest residual of all modes is at least the largest of their lower ends.
