@@ -272,7 +272,7 @@ def _roots(roots: Sequence[Pole]) -> str:
 def show_shaper(done: Shaping) -> None:
     """Impulses, duration with its lower bound, insensitivity, and the proven worst case."""
     console, request = _out(), done.request
-    table = Table("instant [s]", "amplitude")
+    table = Table(escape("instant [s]"), "amplitude")
     for column in table.columns:
         column.justify = "right"
     for time, amplitude in zip(done.shaper.times, done.shaper.amplitudes, strict=True):
