@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from relaxations.plants import Pole
     from suite.collection import Bracketed
     from suite.review import Review
-    from suite.simulation import Simulated
     from suite.shaping import Shaping
+    from suite.simulation import Simulated
 
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
 WIDTH = 140  # of tables that are written to a file or a pipe, where no terminal says how wide it is
