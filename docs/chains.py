@@ -27,7 +27,6 @@ from reports.files import write_atomically
 
 POLES = (4, 8, 12, 22, 40, 60, 80, 100, 120, 150, 200)
 PATIENCE, WARM = 600.0, 10.0  # [s]
-PAPER = '<rect width="100%" height="100%" rx="6" fill="#ffffff"/>'  # the fallback colours are for light paper, on a dark page too
 HEADINGS = ("poles", "switches", "lower [s]", "upper [s]", "gap", "seconds", "of these check", "condition", "bits", "bits of check")
 
 
@@ -110,8 +109,7 @@ def draw(rows: list[Row]) -> str:
         size_label="poles of the chain",
         cost_label="processor time [s]",
     )
-    head, body = svg.split("</title>", 1)
-    return f"{head}</title>{PAPER}{body}\n"
+    return charts.standalone(svg)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,6 @@ from suite.study import Study
 STUDIES = Path(__file__).parents[1] / "suite" / "studies"
 STIFFNESS = [Decimal(k) / 100 for k in range(60, 141)]  # [N/m]
 WINDOW, SAMPLES = 20.0, 4001  # [s] after the move: four periods of the softest spring, in steps that miss a peak by less than 1e-5 of it
-PAPER = '<rect width="100%" height="100%" rx="6" fill="#ffffff"/>'  # the fallback colours are for light paper, on a dark page too
 
 
 def residual(study: Study, command: Command, stiffness: Decimal) -> float:
@@ -48,8 +47,7 @@ def draw() -> str:
         quantity_label="residual vibration [% of the move]",
         limits=[charts.Limit(5.0, "allowed from 0.7 to 1.3 N/m")],
     )
-    head, body = svg.split("</title>", 1)
-    return f"{head}</title>{PAPER}{body}\n"
+    return charts.standalone(svg)
 
 
 if __name__ == "__main__":

@@ -172,7 +172,7 @@ def _request(
     interface: str,
     input: str,
     outputs: tuple[str, ...],
-    parameters: Mapping[str, float],
+    parameters: Mapping[str, Value],
     initial_state: Mapping[str, float],
     initial_input: float,
 ) -> dict[str, Any]:

@@ -5,6 +5,7 @@
     ├── ManeuverError    the task has no answer, or only a degenerate one (limits without the rest input …)
     ├── CommandError     a command or command file is malformed
     ├── ShaperError      a shaper or shaper file is malformed, or what was asked of it has no form that is known here
+    │   └── ImpossibleShaperError   there is no shaper of that kind
     └── SolverError      a numerical step failed; what was tried stands in the message
         └── ShortHorizonError   the time is so short that the modes cannot be told apart in it
 
@@ -30,6 +31,10 @@ class CommandError(RelaxationsError):
 
 class ShaperError(RelaxationsError):
     """A shaper or shaper file is malformed, or a shaped command is none that segments and one tail can hold."""
+
+
+class ImpossibleShaperError(ShaperError):
+    """There is no shaper of the kind that was asked for; the message says what would be possible."""
 
 
 class SolverError(RelaxationsError):

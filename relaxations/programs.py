@@ -305,3 +305,45 @@ def solve(program: GridProgram) -> GridSolution:
         pull / scale,
         status,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class ConeSolution:
+    """What the solver found of `closest`: weights x (N,), excess r, and the multipliers: λ of the sum, y (k,) complex of the circles."""
+
+    weights: Reals
+    excess: float
+    sum: float
+    multipliers: NDArray[np.complex128]
+
+
+def closest(columns: NDArray[np.complex128], radii: Reals) -> ConeSolution:
+    """Minimise r subject to `|Z x|_i ≤ radii_i + r`, `Σ x = 1`, x ≥ 0, for complex columns Z (k, N): a second-order cone program.
+
+    The multipliers are scaled to Σ|y| = 1 and turned so that `Re(ȳᵀ Z)_n ≥ λ` for all n and `r = λ - Σ |y| radii`. Raises `SolverError`.
+    """
+    import cvxpy as cp
+    from cvxpy.error import SolverError as NotSolvedError
+
+    x, r = cp.Variable(columns.shape[1]), cp.Variable()
+    reached = cp.vstack([columns.real @ x, columns.imag @ x])
+    circles = cp.SOC(radii + r, reached, axis=0)
+    limits: list[Any] = [circles, cp.sum(x) == 1, x >= 0]
+    program = cp.Problem(cp.Minimize(r), limits)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # as above: judged by what is used of it
+        try:
+            program.solve(solver=cp.CLARABEL, **SETTINGS)
+        except NotSolvedError as problem:
+            raise SolverError(f"Clarabel found nothing: {problem}") from None
+    if x.value is None or r.value is None or circles.dual_value is None:
+        raise SolverError(f"Clarabel found nothing: status {program.status}")
+    dual = np.asarray(circles.dual_value[1])
+    multipliers = dual[0] + 1j * dual[1]
+    scale = float(np.abs(multipliers).sum())
+    multipliers = multipliers / scale if scale > 0.0 else multipliers
+    # The sign of a multiplier is a convention of the solver: the right one supports the circles from outside.
+    turned = (multipliers.conj() @ columns).real
+    if float(turned @ x.value) < 0.0:
+        multipliers, turned = -multipliers, -turned
+    return ConeSolution(np.maximum(x.value, 0.0), float(r.value), float(turned.min()), multipliers)

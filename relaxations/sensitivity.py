@@ -50,3 +50,11 @@ def insensitivity(times: ArrayLike, amplitudes: ArrayLike, frequency: float, dam
         return 1.0 if first == 0 else _crossing(excess, float(grid[first - 1]), float(grid[first]))
 
     return edge(FARTHEST) - edge(0.0)
+
+
+def step_response(times: ArrayLike, amplitudes: ArrayLike, frequency: float, damping: float, instants: ArrayLike) -> Reals:
+    """What the impulses make of a unit step, seen by `ω²/(s² + 2ζωs + ω²)` at `instants` [s]."""
+    since = np.subtract.outer(np.asarray(instants, dtype=float), np.asarray(times, dtype=float))
+    kappa = complex(damping, np.sqrt(1.0 - damping**2))
+    moved = 1.0 - (kappa * np.exp(-frequency * kappa.conjugate() * np.maximum(since, 0.0))).imag / kappa.imag
+    return np.where(since >= 0.0, moved, 0.0) @ np.asarray(amplitudes, dtype=float)

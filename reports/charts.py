@@ -229,6 +229,52 @@ def costs(name: str, sizes: ArrayLike, curves: Mapping[str, ArrayLike], *, size_
         return _svg(figure, name)
 
 
+def shaping(
+    name: str,
+    factors: ArrayLike,
+    curves: Mapping[str, ArrayLike],
+    times: ArrayLike,
+    command: ArrayLike,
+    responses: Mapping[str, ArrayLike],
+    *,
+    band: tuple[float, float],
+    limit: Limit,
+) -> str:
+    """A shaper in two panels: residual vibration [%] against relative frequency, and the shaped unit step with what each mode makes of it.
+
+    `factors` (n,) and a curve (n,) a mode; `times` (m,) [s], the shaped step `command` (m,) and a response (m,) a mode.
+    """
+    with mpl.rc_context(_rc(name)):
+        figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
+        above, below = figure.subplots(2, 1)
+        styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2))), (_LINE, _SECOND, _INK)
+        for number, (label, curve) in enumerate(curves.items()):
+            x, y = _arrays(factors=factors, curve=curve)
+            above.plot(x, y, color=colours[number % 3], linestyle=styles[number % 4], label=label)
+        above.axhline(limit.value, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
+        above.axvspan(*band, color=_FAINT, alpha=0.5, linewidth=0, zorder=0)
+        above.set_xlabel("frequency / modelled frequency")
+        above.set_ylabel("residual vibration [%]")
+        above.set_ylim(bottom=0.0)
+        t, u = _arrays(times=times, command=command)
+        below.step(t, u, where="post", color=_LIMIT, linewidth=1.0, label="shaped step")
+        for number, (label, response) in enumerate(responses.items()):
+            y = _arrays(times=times, response=response)[1]
+            below.plot(t, y, color=colours[number % 3], linestyle=styles[number % 4], label=label)
+        below.set_xlabel("time [s]")
+        below.set_ylabel("step response")
+        for axes in (above, below):
+            axes.margins(x=0.01)
+            axes.legend(loc="best")
+        return _svg(figure, name)
+
+
+def standalone(svg: str) -> str:
+    """A chart as a file of its own: on light paper, which the fallback colours are for, on a dark page too."""
+    head, body = svg.split("</title>", 1)
+    return f'{head}</title><rect width="100%" height="100%" rx="6" fill="#ffffff"/>{body}\n'
+
+
 def _arrays(**given: ArrayLike) -> list[Float64]:
     """The arguments as float arrays of one and the same length; raises `RecordError` naming those that differ."""
     arrays = {name: np.asarray(value, dtype=float) for name, value in given.items()}

@@ -55,12 +55,15 @@ def main() -> None:
 def _user_errors() -> Iterator[None]:
     """A user's mistake becomes a message and exit code 2, never a traceback."""
     from fmus.errors import FmuError
-    from relaxations.errors import RelaxationsError
+    from relaxations.errors import ImpossibleShaperError, RelaxationsError
     from reports.errors import ReportError
     from suite.errors import SuiteError
 
     try:
         yield
+    except ImpossibleShaperError as problem:
+        click.echo(f"impossible: {problem}", err=True)
+        sys.exit(FAILED)
     except (SuiteError, FmuError, RelaxationsError, ReportError) as problem:
         click.echo(f"error: {problem}", err=True)
         sys.exit(USAGE)
@@ -301,6 +304,43 @@ def linearize(
         _print_json(found.to_dict())
     else:
         console.show_linear(found)
+
+
+@main.command()
+@click.argument("kind")
+@click.option("--mode", "modes", multiple=True, metavar="FREQUENCY(Hz|rad/s):DAMPING", help="A mode, such as 1.0Hz:0.05; one or several.")
+@click.option("--tolerance", type=float, default=0.05, show_default=True, help="Residual vibration allowed, a fraction of the unshaped.")
+@click.option("--band", metavar="LOW:HIGH", default="0.8:1.2", show_default=True, help="Frequencies, as factors of the mode's.")
+@click.option("--damping", metavar="LOW:HIGH", help="Damping ratios of the worst case; default: the mode's.")
+@click.option("--negative", type=float, help="Size of the negative amplitude (sna-zv).")
+@click.option("--sums", metavar="LOW:HIGH", help="Bounds of the partial sums (sums-zv).")
+@click.option("--sample-time", type=float, help="Seconds: impulses at its multiples only (zv-d:N).")
+@click.option("--simultaneous", is_flag=True, help="One solution for all modes, not one shaper after the other.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw sensitivity and step response to this file (SVG).")
+@click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),
+              help="Write it for others: .cfg (Klipper), .g (RepRapFirmware), .h (C).")  # fmt: skip
+@click.option("--save", type=click.Path(path_type=Path), help="Write a shaper file, for `slewcert fmus export`.")
+@AS_JSON
+@_guarded
+def shaper(as_json: bool, plot: Path | None, exports: tuple[Path, ...], save: Path | None, **words: Any) -> None:
+    """Make a shaper of KIND for one or several modes, and prove its worst residual vibration over a box of frequency and damping.
+
+    Exit code 0: done; 1: there is no such shaper; 2: bad input.
+    """
+    from suite import console, shaping
+
+    shaping.known(exports)
+    done = shaping.design(shaping.Asked(**words))
+    for path in exports:
+        shaping.export(done, path)
+    if save:
+        shaping.save(done, save)
+    if plot:
+        shaping.draw(done, plot)
+    if as_json:
+        _print_json(done.to_dict())
+    else:
+        console.show_shaper(done)
 
 
 @main.group()

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from suite.collection import Bracketed
     from suite.linear import Linear
     from suite.review import Review
+    from suite.shaping import Shaping
     from suite.simulation import Simulated
 
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
@@ -360,6 +361,26 @@ def _shares(states: Sequence[str], participation: Sequence[float]) -> str:
     """The states that make up most of a mode."""
     shares = sorted(zip(participation, states, strict=False), key=lambda share: -share[0])[:3]
     return ", ".join(f"{name} {share:.0%}" for share, name in shares if share >= 0.05)
+
+
+def show_shaper(done: Shaping) -> None:
+    """Impulses, duration with its lower bound, insensitivity, and the proven worst case."""
+    console, request = _out(), done.request
+    table = Table(escape("instant [s]"), "amplitude")
+    for column in table.columns:
+        column.justify = "right"
+    for time, amplitude in zip(done.shaper.times, done.shaper.amplitudes, strict=True):
+        table.add_row(f"{time:.10f}", f"{amplitude:.10f}")
+    console.print(table)
+    console.print(f"duration: {done.shaper.duration!r} s", soft_wrap=True)
+    if done.least:
+        console.print(escape(f"least duration of {done.least.among}: {done.least.duration!r} s: proved"), soft_wrap=True)
+    console.print(f"insensitivity at {100 * request.tolerance:g} %: {done.insensitivity:.6f} of the frequency (measured)")
+    low, high = done.damping or (None, None)
+    damping = "" if low is None else f", damping {low:g} to {high:g}"
+    box = f"frequency × {request.band[0]:g} to {request.band[1]:g}{damping}"
+    interval = f"[{_outward(done.worst.lower, ROUND_FLOOR)}, {_outward(done.worst.upper, ROUND_CEILING)}]"
+    console.print(escape(f"worst residual vibration, {box}: {interval}, mode {done.worst_mode}: proved"), soft_wrap=True)
 
 
 def _coloured(verdict: str) -> str:

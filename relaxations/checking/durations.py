@@ -1,0 +1,111 @@
+"""No positive shaper is as short: a function of the multipliers is proven positive in balls, on all instants that such a shaper could use.
+
+Let positive impulses within [0, T], of sum 1, satisfy `|Σ A_k z_i(t_k)| ≤ V_i` with `z_i(t) = (ω_i(t - T))^j e^{κ_i ω_i (t - T)}`. For any
+complex weights y then
+
+    Σ A_k p(t_k) = Re Σ_i y_i* Σ_k A_k z_i(t_k) ≤ Σ |y_i| V_i,     p(t) = Re Σ_i y_i* z_i(t)
+
+so `p > Σ |y_i| V_i` on [0, T] contradicts it. A shorter shaper leaves no more when the vibration is measured at T instead of at its own
+end, for it decays, and conditions with V = 0 (all derivatives below included) hold at every instant alike: one T refutes all shorter ones.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import comb, perm
+
+import flint
+from flint import acb, arb, fmpq
+
+BITS = 128
+MOST_CELLS = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """At natural `frequency` [rad/s] and `damping` derivative number `power` is at most `tolerance`; `weight`: (re, im). All exact."""
+
+    frequency: Fraction
+    damping: Fraction
+    tolerance: Fraction
+    power: int
+    weight: tuple[Fraction, Fraction]
+
+
+def none_as_short(duration: Fraction, conditions: Sequence[Condition]) -> bool:
+    """Whether it is proven that no positive shaper of at most `duration` [s] meets the conditions; False: not proven."""
+    before, flint.ctx.prec = flint.ctx.prec, BITS
+    try:
+        return _sound(conditions) and _positive(_arb(duration), conditions)
+    finally:
+        flint.ctx.prec = before
+
+
+def _sound(conditions: Sequence[Condition]) -> bool:
+    """A derivative says something at every instant only if it and all below it vanish; a tolerance, if vibration decays."""
+    vanishing = {(c.frequency, c.damping, c.power) for c in conditions if c.tolerance == 0}
+    return all(
+        c.frequency > 0
+        and 0 <= c.damping < 1
+        and c.tolerance >= 0
+        and (c.power == 0 or all((c.frequency, c.damping, below) in vanishing for below in range(c.power + 1)))
+        for c in conditions
+    )
+
+
+def _arb(number: Fraction) -> arb:
+    return arb(fmpq(number.numerator, number.denominator))
+
+
+class _Function:
+    """p - Σ |y_i| V_i of s = t - T, with its first three derivatives."""
+
+    def __init__(self, conditions: Sequence[Condition]) -> None:
+        self.terms, self.offset = [], arb(0)
+        for c in conditions:
+            omega, zeta = _arb(c.frequency), _arb(c.damping)
+            weight = acb(_arb(c.weight[0]), -_arb(c.weight[1]))
+            self.terms.append((omega, acb(zeta, (1 - zeta * zeta).sqrt()), c.power, weight))
+            self.offset += abs(weight) * _arb(c.tolerance)
+
+    def __call__(self, s: arb, orders: Sequence[int]) -> list[arb]:
+        values = [arb(0) for _ in orders]
+        for omega, kappa, power, weight in self.terms:
+            x = omega * s
+            motion = weight * (kappa * x).exp()
+            for place, order in enumerate(orders):
+                parts = (comb(order, k) * perm(power, k) * x ** (power - k) * kappa ** (order - k) for k in range(min(order, power) + 1))
+                values[place] += (motion * sum(parts, acb(0)) * omega**order).real
+        if 0 in orders:
+            values[list(orders).index(0)] -= self.offset
+        return values
+
+
+def _positive(duration: arb, conditions: Sequence[Condition]) -> bool:
+    function, count = _Function(conditions), 0
+    waiting: list[tuple[float, int, arb, arb]] = [(0.0, 0, -duration.upper(), arb(0))]
+    while waiting:
+        _, _, low, high = heapq.heappop(waiting)
+        middle, half = ((low + high) / 2).mid(), (high - low) / 2
+        value, slope, bend = function(middle, (0, 1, 2))
+        if not value > 0:
+            return False  # not proven here, and halving cells does not change the value at a point
+        (third,) = function(low.union(high), (3,))
+        if not _least(value, slope, bend - abs(third).upper() * half, half) > 0:
+            count += 1
+            if count > MOST_CELLS:
+                return False
+            heapq.heappush(waiting, (float(half.mid()), 2 * count, low, middle))
+            heapq.heappush(waiting, (float(half.mid()), 2 * count + 1, middle, high))
+    return True
+
+
+def _least(value: arb, slope: arb, bend: arb, half: arb) -> arb:
+    """A lower bound of value + slope x + bend x²/2 on |x| ≤ half."""
+    lowest = bend.lower()
+    if lowest > 0 and abs(slope) < lowest * half:
+        return value - slope * slope / (2 * lowest)
+    return value - abs(slope) * half + lowest * half * half / 2 if not lowest > 0 else value - abs(slope) * half

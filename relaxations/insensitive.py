@@ -1,0 +1,307 @@
+"""Specified insensitivity: the shortest positive impulses whose residual vibration stays within a tolerance over bands of frequency.
+
+On a grid of instants and of frequencies the least excess over the tolerances is a second-order cone program; the duration is the root of
+that excess. Where the residual between frequencies, or the multipliers' function between instants, shows that a point is missing, it is
+added (an exchange in both directions); Newton's method then gives exact instants (relaxations.shaper_polishing).
+
+    F_i(A) = Σ A_k z_i(t_k),   z_i(t) = ((t - T)/τ)^j e^{κ_i ω_i (t - T)},   |F_i| ≤ V_i
+
+with j = 0 for a tolerance, and V = 0, j = 0 … n at modes where n derivatives are to vanish exactly, in a unit τ of time. The multipliers
+prove in balls that none is shorter (relaxations.checking.durations).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relaxations import programs
+from relaxations.checking.durations import Condition, none_as_short
+from relaxations.errors import ShaperError, SolverError
+from relaxations.impulses import derivative_shaper
+from relaxations.sensitivity import residual
+from relaxations.shaper_modes import Mode
+from relaxations.shaper_polishing import FAINT, Demand, Extremal, polished, rows
+from relaxations.shapers import Shaper
+
+Reals = NDArray[np.float64]
+
+CELLS = 160  # instants of the first grid
+SAMPLES = 9  # frequencies of a band at first
+ROUNDS = 12  # of exchange
+PROGRAMS = 40  # cone programs for one duration, at most
+CLOSE = 1e-8  # excess at which a duration counts as found
+INSIDE = 1e-9  # of a tolerance: how far below it a shaper is designed, so that its claim can be proven
+MISSED = 1e-6  # relative excess between samples that calls for another one
+SHORTER = (1e-8, 1e-6, 1e-4, 1e-3, 1e-2)  # relative: how far below the shortest duration the proof that none is shorter is tried
+TOUCHING = 1e-6  # of the sum of the multipliers: a demand with less does not count
+NOTHING = 1e-10  # what is left of a vibration of size 1 where it is to vanish
+ROUGH = 1e-5  # relative accuracy of a duration from which Newton's method goes on
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Natural frequencies from `low` to `high` times that of `mode`, at its damping, on which the residual is at most `tolerance`."""
+
+    mode: Mode
+    low: float
+    high: float
+    tolerance: float
+
+    def __post_init__(self) -> None:
+        wrong = []
+        if not 0.0 < self.low <= self.high < math.inf:
+            wrong.append(f"a band goes from a factor above 0 to one that is no smaller, not from {self.low!r} to {self.high!r}")
+        if not 0.0 < self.tolerance < 1.0:
+            wrong.append(f"a tolerance is a fraction of the unshaped vibration between 0 and 1, not {self.tolerance!r}")
+        if wrong:
+            raise ShaperError("; ".join(wrong))
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The lowest and the highest frequency [rad/s], no farther out than the exact products."""
+        low, high = (Fraction(repr(factor)) * Fraction(repr(self.mode.frequency)) for factor in (self.low, self.high))
+        first, last = float(low), float(high)
+        return (
+            first if Fraction(first) >= low else math.nextafter(first, math.inf),
+            last if Fraction(last) <= high else math.nextafter(last, 0.0),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Shortest:
+    """The shaper found, and `lower` [s]: no positive one that meets the demands is as short, *proven*; None if nothing was proven."""
+
+    shaper: Shaper
+    lower: float | None
+
+
+def specified(bands: Sequence[Band], zeros: Sequence[tuple[Mode, int]] = ()) -> Shortest:
+    """The shortest positive shaper for `bands` and exact `zeros` (mode, derivatives), with the proof that none is shorter.
+
+    Raises `ShaperError` without any demand, `SolverError` where the numerics fail.
+    """
+    if not bands and not zeros:
+        raise ShaperError("nothing is asked of the shaper: name at least one band or mode")
+    if len(zeros) > 1 and not bands and (serving := _serves_all(zeros)):
+        return specified([], [serving])
+    slowest = max([band.mode.half_period / band.low for band in bands] + [mode.half_period * (count + 1) for mode, count in zeros])
+    demands = _vanishing(zeros, slowest)
+    for number, band in enumerate(bands):
+        low, high = band.ends
+        at = np.cos(np.linspace(np.pi, 0.0, SAMPLES)) * (high - low) / 2 + (high + low) / 2
+        inside = band.tolerance * (1.0 - INSIDE)
+        demands += [Demand(min(max(float(f), low), high), band.mode.damping, inside, band=number) for f in np.unique(at)]
+    search, exact = _Search(demands, tuple(bands), slowest), None
+    for _ in range(ROUNDS):
+        search.find()
+        exact = search.exact()
+        if exact is not None or not search.exchange():
+            break
+    shaper = _shaper(exact.times, exact.amplitudes) if exact else search.coarse()
+    return Shortest(shaper, search.proven(exact))
+
+
+def _vanishing(zeros: Sequence[tuple[Mode, int]], unit: float) -> list[Demand]:
+    return [Demand(mode.frequency, mode.damping, 0.0, power, unit) for mode, count in zeros for power in range(count + 1)]
+
+
+def _serves_all(zeros: Sequence[tuple[Mode, int]]) -> tuple[Mode, int] | None:
+    """The mode whose own shaper leaves nothing of the others either (ω and 3ω undamped): no search would find them independent."""
+    for mode, count in zeros:
+        shaper = derivative_shaper(mode, count)
+        demands = _vanishing(zeros, shaper.duration)
+        if np.abs(rows(demands, np.array(shaper.times), shaper.duration) @ shaper.amplitudes).max() <= NOTHING:
+            return mode, count
+    return None
+
+
+def _shaper(times: Reals, amplitudes: Reals) -> Shaper:
+    return Shaper(tuple(map(float, times)), tuple(map(float, amplitudes / amplitudes.sum())))
+
+
+@dataclass
+class _Search:
+    """The state of the exchange: demands, bands, duration [s], instants beside the grid (fractions of the duration), the last solution."""
+
+    demands: list[Demand]
+    bands: tuple[Band, ...]
+    duration: float
+    extra: list[float] = field(default_factory=list)
+    solution: programs.ConeSolution | None = None
+
+    def instants(self, duration: float) -> Reals:
+        return duration * np.union1d(np.linspace(0.0, 1.0, CELLS + 1), self.extra)
+
+    def solve(self, duration: float) -> programs.ConeSolution:
+        return programs.closest(rows(self.demands, self.instants(duration), duration), np.array([d.tolerance for d in self.demands]))
+
+    @property
+    def loose(self) -> bool:
+        """Whether every demand has a tolerance; if not, the excess is never below 0."""
+        return all(d.tolerance for d in self.demands)
+
+    def find(self) -> None:
+        """The duration at which the least excess becomes 0: secants, kept in a bracket; Newton's method will do the rest."""
+        low, high, last = 0.0, math.inf, None
+        for program in range(PROGRAMS):
+            self.solution = self.solve(self.duration)
+            excess = self.solution.excess
+            low, high = (self.duration, high) if excess > CLOSE else (low, self.duration)
+            if (self.loose and abs(excess) <= CLOSE) or high - low <= ROUGH * self.duration:
+                self.duration = self.duration if self.loose else high
+                return
+            following = self.duration * (1.3 if excess > CLOSE else 0.8)
+            if last is not None and last[1] != excess and (self.loose or min(excess, last[1]) > CLOSE):
+                following = self.duration - excess * (self.duration - last[0]) / (excess - last[1])
+                following += 0.0 if self.loose else 0.5 * ROUGH * following  # a hair beyond the root closes the bracket
+            if math.isfinite(high) and (program > PROGRAMS // 3 or not low < following < high):
+                following = (low + high) / 2
+            last, self.duration = (self.duration, excess), following if following > low else 1.5 * self.duration
+        raise SolverError(f"the shortest duration was not found in {PROGRAMS} programs; the last was {self.duration!r} s")
+
+    def exchange(self) -> bool:
+        """Add frequencies at which the residual exceeds its tolerance and instants at which the multipliers' function is too low."""
+        assert self.solution is not None
+        instants = self.instants(self.duration)
+        over = exceeded(instants, self.solution.weights, self.bands, 1.0 + MISSED)
+        fine = np.linspace(0.0, self.duration, 16 * CELLS + 1)
+        course = (self.solution.multipliers.conj() @ rows(self.demands, fine, self.duration)).real
+        dips = _peaks(-course)
+        low = [float(fine[i]) for i in dips if course[i] < self.solution.sum - MISSED]
+        known = [t for t in low if np.abs(instants - t).min() > 1e-9 * self.duration]
+        self.demands += over
+        self.extra += [t / self.duration for t in known]
+        return bool(over or known)
+
+    def exact(self) -> Extremal | None:
+        """What Newton's method makes of the grid's solution, if that holds for every instant and frequency."""
+        assert self.solution is not None
+        # A hair below the root the multipliers are unique also where there is no tolerance to tell them by.
+        solution = self.solution if self.loose else self.solve(self.duration * (1.0 - 10.0 * ROUGH))
+        times, amplitudes = self._impulses(solution)
+        if len(times) < 2:
+            return None
+        demands, multipliers = self._touched(solution)
+        found = polished(Extremal(times, amplitudes, tuple(demands), multipliers, 0.0)) if demands else None
+        if found is not None and found.amplitudes.min() < FAINT:
+            kept = found.amplitudes >= FAINT
+            if kept[0] and kept[-1] and kept.sum() > 1:
+                fewer = Extremal(found.times[kept], found.amplitudes[kept], found.demands, found.multipliers, 0.0)
+                found = polished(fewer) or found
+        return found if found is not None and found.amplitudes.min() > 0.0 and self._holds(found) else None
+
+    def _impulses(self, solution: programs.ConeSolution) -> tuple[Reals, Reals]:
+        """The weights of the grid belong to the minima of the multipliers' function; there are the impulses."""
+        fine = np.linspace(0.0, self.duration, 16 * CELLS + 1)
+        course = (solution.multipliers.conj() @ rows(self.demands, fine, self.duration)).real
+        places = np.array(
+            [0.0, *(t for i in _peaks(-course) if 0.0 < (t := _vertex(fine, -course, int(i))) < self.duration), self.duration]
+        )
+        nearest = np.abs(np.subtract.outer(self.instants(self.duration), places)).argmin(axis=1)
+        sums = np.bincount(nearest, weights=solution.weights[: len(nearest)], minlength=len(places))
+        kept = (sums > FAINT) | (np.arange(len(sums)) % (len(sums) - 1) == 0)
+        return places[kept], np.maximum(sums[kept], FAINT)
+
+    def _touched(self, solution: programs.ConeSolution) -> tuple[list[Demand], NDArray[np.complex128]]:
+        """The demands with multipliers; those of a band belong to the maxima of the residual there, which move unless they are its ends."""
+        chosen = [(d, y) for d, y in zip(self.demands, solution.multipliers, strict=True) if not d.tolerance]
+        instants = self.instants(self.duration)
+        for number, band in enumerate(self.bands):
+            low, high = band.ends
+            mine = [(d, y) for d, y in zip(self.demands, solution.multipliers, strict=True) if d.band == number]
+            omega = np.linspace(low, high, 2001) if high > low else np.array([low])
+            course = residual(instants, solution.weights, omega, band.mode.damping)
+            tops = np.array([min(max(_vertex(omega, course, int(i)), low), high) for i in _peaks(course)])
+            nearest = [int(np.abs(tops - d.frequency).argmin()) for d, _ in mine]
+            for place, top in enumerate(tops):
+                weight = sum((y for (_, y), near in zip(mine, nearest, strict=True) if near == place), 0j)
+                if abs(weight) > TOUCHING:
+                    chosen.append((replace(mine[0][0], frequency=float(top), inner=low < top < high), weight))
+        multipliers = np.array([y for _, y in chosen], dtype=np.complex128)
+        return [d for d, _ in chosen], (multipliers / max(float(np.abs(multipliers).sum()), 1e-300)).astype(np.complex128)
+
+    def _holds(self, found: Extremal) -> bool:
+        over = exceeded(found.times, found.amplitudes, self.bands, 1.0)
+        everywhere = np.abs(rows(self.demands, found.times, float(found.times[-1])) @ found.amplitudes)
+        return not over and all(size <= NOTHING for size, d in zip(everywhere, self.demands, strict=True) if not d.tolerance)
+
+    def coarse(self) -> Shaper:
+        """The grid's own solution, for where Newton's method fails: a hair longer, and exact zeros restored by least squares."""
+        duration = self.duration * (1.0 + 1e-6)
+        for attempt in range(ROUNDS):
+            solution, instants = self.solve(duration), self.instants(duration)
+            kept = np.flatnonzero(solution.weights > 1e-7)
+            exact = [d for d in self.demands if not d.tolerance]
+            table: NDArray[np.complex128] = (
+                rows(exact, instants[kept], duration) if exact else np.zeros((0, len(kept)), dtype=np.complex128)
+            )
+            equations = np.vstack([np.ones(len(kept)), table.real, table.imag])
+            missed = np.eye(len(equations))[0] - equations @ solution.weights[kept]
+            weights = solution.weights[kept] + np.linalg.lstsq(equations, missed, rcond=None)[0]
+            times = instants[kept] - instants[kept][0]
+            if weights.min() > 0.0 and np.abs(equations @ weights - np.eye(len(equations))[0]).max() <= 1e-11:
+                over = exceeded(times, weights, self.bands, 1.0)
+                if not over:
+                    return _shaper(times, weights)
+                self.demands += over
+            duration *= 1.0 + ROUGH * 3.0**attempt
+        raise SolverError("the grid's shaper does not hold between its instants and frequencies")
+
+    def proven(self, exact: Extremal | None) -> float | None:
+        """The longest duration [s] for which it is proven that no shaper is as short."""
+        for shorter in SHORTER:
+            duration = self.duration * (1.0 - shorter) if exact is None else float(exact.times[-1]) * (1.0 - shorter)
+            found = polished(exact, duration) if exact else None
+            if found is not None:
+                demands, multipliers = found.demands, found.multipliers
+            else:
+                solution = self.solve(duration)
+                demands, multipliers = tuple(self.demands), solution.multipliers
+            conditions = [self._condition(d, complex(y)) for d, y in zip(demands, multipliers, strict=True)]
+            if none_as_short(Fraction(duration), conditions):
+                return duration
+        return None
+
+    def _condition(self, demand: Demand, weight: complex) -> Condition:
+        """The demand as the request implies it: a frequency within the band, and the whole tolerance."""
+        where, tolerance = demand.frequency, Fraction(0)
+        weight /= (where * demand.unit) ** demand.power
+        if demand.tolerance:
+            band = self.bands[demand.band]
+            where, tolerance = min(max(where, band.ends[0]), band.ends[1]), Fraction(repr(band.tolerance))
+        return Condition(Fraction(where), Fraction(demand.damping), tolerance, demand.power, (Fraction(weight.real), Fraction(weight.imag)))
+
+
+def exceeded(times: Reals, amplitudes: Reals, bands: Sequence[Band], factor: float) -> list[Demand]:
+    """Where in the bands the residual has a local maximum above `factor` times the tolerance."""
+    found = []
+    for number, band in enumerate(bands):
+        low, high = band.ends
+        periods = float(np.ptp(times)) * (high - low) / (2 * np.pi)
+        omega = np.linspace(low, high, 200 + int(100 * periods))
+        course = residual(times, amplitudes, omega, band.mode.damping)
+        for i in _peaks(course):
+            if course[i] > factor * band.tolerance:
+                place = min(max(_vertex(omega, course, int(i)), low), high)
+                found.append(Demand(place, band.mode.damping, band.tolerance * (1.0 - INSIDE), band=number))
+    return found
+
+
+def _peaks(course: Reals) -> NDArray[np.intp]:
+    """Local maxima, the ends included."""
+    padded = np.concatenate([[-np.inf], course, [-np.inf]])
+    return np.flatnonzero((padded[1:-1] >= padded[:-2]) & (padded[1:-1] > padded[2:]))
+
+
+def _vertex(x: Reals, y: Reals, i: int) -> float:
+    """The top of the parabola through a sample and its neighbours (an end is its own)."""
+    if i in (0, len(x) - 1):
+        return float(x[i])
+    rise, fall = y[i] - y[i - 1], y[i] - y[i + 1]
+    return float(x[i] + (x[i + 1] - x[i]) * (rise - fall) / (2.0 * (rise + fall))) if rise + fall > 0.0 else float(x[i])

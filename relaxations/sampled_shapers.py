@@ -1,0 +1,83 @@
+"""Digital shapers: impulses at whole samples that leave exactly nothing, with positive amplitudes, in as few samples as that takes.
+
+On the instants kh a positive sequence with `Σ A_k (kh)^j e^{κω kh} = 0` is a point of the convex hull of the columns: non-negative least
+squares says whether 0 is one, and its active set holds as many impulses as there are equations. Longer grids hold the shorter ones, so the
+least number of samples is found by bisection.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
+from relaxations.shaper_modes import Mode
+from relaxations.shapers import Shaper
+
+Reals = NDArray[np.float64]
+
+NOTHING = 1e-12  # of what all impulses would leave together: equations of order one, solved to rounding
+MOST_SAMPLES = 4096
+
+
+def sampled(zeros: Sequence[tuple[Mode, int]], sample_time: float) -> Shaper:
+    """The shortest positive shaper at multiples of `sample_time` [s] with zero vibration and so many derivatives at each mode.
+
+    Raises `ShaperError` for no time, `ImpossibleShaperError` for a sample time above half a damped period of a mode,
+    `SolverError` if `MOST_SAMPLES` are not enough.
+    """
+    if not zeros:
+        raise ShaperError("a shaper needs at least one mode")
+    if not 0.0 < sample_time < math.inf:
+        raise ShaperError(f"a sample time is positive and finite, not {sample_time!r} s")
+    if coarse := [mode for mode, _ in zeros if sample_time > mode.half_period]:
+        least = min(mode.half_period for mode in coarse)
+        raise ImpossibleShaperError(
+            f"a sample time of {sample_time!r} s is too coarse for {', '.join(f'{mode.frequency:.6g} rad/s' for mode in coarse)}: "
+            f"the samples tell a mode from slower ones up to half its damped period, {least:.6g} s"
+        )
+    high = math.ceil(max(mode.half_period * (count + 1) for mode, count in zeros) / sample_time)
+    low, found = 0, _weights(zeros, sample_time, high)
+    while found is None:
+        low, high = high, 2 * high
+        if high > MOST_SAMPLES:
+            raise SolverError(f"no shaper was found on {MOST_SAMPLES} samples of {sample_time!r} s; a longer sample time needs fewer")
+        found = _weights(zeros, sample_time, high)
+    while high - low > 1:
+        middle = (low + high) // 2
+        better = _weights(zeros, sample_time, middle)
+        if better is None:
+            low = middle
+        else:
+            high, found = middle, better
+    kept = np.flatnonzero(found)
+    kept = kept - kept[0]
+    return Shaper(tuple(float(k * sample_time) for k in kept), tuple(float(a) for a in found[found > 0.0]))
+
+
+def _weights(zeros: Sequence[tuple[Mode, int]], sample_time: float, samples: int) -> Reals | None:
+    """Amplitudes at instants 0 to `samples`, or None if none are positive and leave nothing."""
+    since = np.arange(-samples, 1) * sample_time
+    rows = []
+    for mode, count in zeros:
+        for power in range(count + 1):
+            row = (since / (samples * sample_time)) ** power * np.exp(mode.frequency * mode.direction * since)
+            rows += [row.real, row.imag]
+    table = np.array([*rows, np.ones(samples + 1)])
+    aim = np.zeros(len(table))
+    aim[-1] = 1.0
+    weights, _ = nnls(table, aim)
+    kept = np.flatnonzero(weights > 0.0)
+    if not len(kept):
+        return None
+    # Once more on the active set alone, to rounding.
+    exactly, *_ = np.linalg.lstsq(table[:, kept], aim, rcond=None)
+    if exactly.min() <= 0.0 or np.abs(table[:, kept] @ exactly - aim).max() > NOTHING:
+        return None
+    found = np.zeros(samples + 1)
+    found[kept] = exactly
+    return found

@@ -1,0 +1,194 @@
+"""The kinds of shapers by name: which one is asked for, for which modes, and what is known of the shortest of its kind."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+from relaxations.bounded_shapers import bounded
+from relaxations.bounds import Status
+from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
+from relaxations.humps import extra_insensitive, unity_magnitude
+from relaxations.impulses import derivative_shaper, mzv, negative_zv
+from relaxations.insensitive import Band, specified
+from relaxations.plants import exact
+from relaxations.sampled_shapers import sampled
+from relaxations.shaper_modes import Mode
+from relaxations.shapers import Shaper, convolve
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a shaper is made for: `modes`, and the numbers that its kind needs (None: not given).
+
+    `tolerance` is a fraction of the unshaped vibration, `band` factors of each mode's frequency, `negative` the size of the negative
+    impulse, `sums` bounds of the partial sums, `sample_time` [s] the grid of the instants; `simultaneous`: one solution for all modes
+    instead of a convolution of one for each.
+    """
+
+    modes: tuple[Mode, ...]
+    tolerance: float = 0.05
+    band: tuple[float, float] = (0.8, 1.2)
+    negative: float | None = None
+    sums: tuple[float, float] | None = None
+    sample_time: float | None = None
+    simultaneous: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Least:
+    """`duration` [s], *proven*: no sequence that is `among` these is shorter."""
+
+    duration: float
+    among: str
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A shaper, and the least duration of such shapers where that is proven."""
+
+    shaper: Shaper
+    least: Least | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One family: how its name is written, what it is, which further options it takes, and how it is made from (request, number)."""
+
+    written: str
+    pattern: str
+    meaning: str
+    make: Callable[[Request, int], Made]
+    takes: frozenset[str] = frozenset()
+    needs: frozenset[str] = frozenset()
+
+
+OPTIONS = {"negative": "--negative", "sums": "--sums", "sample_time": "--sample-time", "simultaneous": "--simultaneous"}
+
+
+def make(name: str, request: Request) -> Made:
+    """The shaper of the kind `name` ("zvd", "2-hump-ei", "um-zv" …).
+
+    Raises `ShaperError` naming what is wrong with the request, `ImpossibleShaperError` if there is no such shaper.
+    """
+    kind, number = find(name)
+    wrong = mistakes(kind, name, request) + ([] if request.modes else ["a shaper needs at least one mode"])
+    if wrong:
+        raise ShaperError("; ".join(wrong))
+    return kind.make(request, number)
+
+
+def find(name: str) -> tuple[Kind, int]:
+    """The kind of this name and the number in it; raises `ShaperError` listing the kinds."""
+    for kind in KINDS:
+        if found := re.fullmatch(kind.pattern, name):
+            digits = next((group for group in found.groups() if group and group.isdigit()), None)
+            return kind, int(digits) if digits is not None else len(found["d"] or "") if "d" in found.groupdict() else 1
+    raise ShaperError(f"there is no shaper {name!r}; the kinds are {', '.join(kind.written for kind in KINDS)}")
+
+
+def mistakes(kind: Kind, name: str, request: Request) -> list[str]:
+    """Options that this kind does not take, and those that it needs."""
+    given = {option for option in OPTIONS if getattr(request, option) not in (None, False)}
+    wrong = [f"{OPTIONS[option]} says nothing about {name}: it is for {_takers(option)}" for option in sorted(given - kind.takes)]
+    wrong += [f"{name} needs {OPTIONS[option]}" for option in sorted(kind.needs - given)]
+    return wrong
+
+
+def _takers(option: str) -> str:
+    return ", ".join(kind.written for kind in KINDS if option in kind.takes)
+
+
+def _in_turn(modes: Sequence[Mode], one: Callable[[Mode], Shaper]) -> Shaper:
+    """One shaper a mode, convolved: what is left unexcited by either is left unexcited by all."""
+    return reduce(convolve, map(one, modes))
+
+
+def _derivatives(request: Request, number: int) -> Made:
+    zeros = [(mode, number) for mode in request.modes]
+    if request.sample_time is not None:
+        return _compared(sampled(zeros, request.sample_time), zeros)
+    if request.simultaneous:
+        return _compared(None, zeros)
+    return _compared(_in_turn(request.modes, lambda mode: derivative_shaper(mode, number)), zeros)
+
+
+def _compared(shaper: Shaper | None, zeros: Sequence[tuple[Mode, int]]) -> Made:
+    """The shaper, or the shortest one, with the proof for positive shapers of these zeros."""
+    order = "zero vibration" + (f" and {zeros[0][1]} derivative(s) of it" if zeros[0][1] else "")
+    try:
+        shortest = specified([], zeros)
+    except SolverError:
+        if shaper is None:
+            raise
+        return Made(shaper)  # a shaper all the same; that none is shorter is not proven
+    return Made(shaper or shortest.shaper, _least(shortest.lower, f"positive shapers with {order}"))
+
+
+def _least(lower: float | None, among: str) -> Least | None:
+    return None if lower is None else Least(lower, among)
+
+
+def _humps(request: Request, number: int) -> Made:
+    return Made(_in_turn(request.modes, lambda mode: extra_insensitive(mode, request.tolerance, number)))
+
+
+def _unity_humps(request: Request, number: int) -> Made:
+    return Made(_in_turn(request.modes, lambda mode: unity_magnitude(mode, request.tolerance, number)))
+
+
+def _modified(request: Request, number: int) -> Made:
+    return _compared(_in_turn(request.modes, mzv), [(mode, 0) for mode in request.modes])
+
+
+def _negative(request: Request, number: int) -> Made:
+    negative = request.negative if request.negative is not None else math.nan
+    return Made(_in_turn(request.modes, lambda mode: negative_zv(mode, negative)))
+
+
+def _insensitive(request: Request, number: int) -> Made:
+    bands = [Band(mode, *request.band, request.tolerance) for mode in request.modes]
+    shortest = specified(bands)
+    alone = request.simultaneous or len(bands) == 1
+    shaper = shortest.shaper if alone else reduce(convolve, (specified([band]).shaper for band in bands))
+    return Made(shaper, _least(shortest.lower, "positive shapers within the tolerance over the band of each mode"))
+
+
+def _unity(request: Request, number: int) -> Made:
+    if request.simultaneous or len(request.modes) == 1:
+        return _between(request.modes, (0.0, 1.0), number)
+    return Made(_in_turn(request.modes, lambda mode: bounded([mode], 0, 1, number).shaper))
+
+
+def _sums(request: Request, number: int) -> Made:
+    return _between(request.modes, request.sums or (0.0, 1.0), number)
+
+
+def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> Made:
+    low, high = (exact(repr(bound)) for bound in sums)
+    if not (low <= 0 and high >= 1):
+        raise ImpossibleShaperError(
+            f"partial sums begin at 0 and end at 1, so no shaper has them within [{sums[0]}, {sums[1]}]; "
+            "bounds are at most 0 and at least 1"
+        )
+    found = bounded(modes, low, high, number)
+    proven = found.bound.lower if found.bound.status is Status.PROVED else None
+    return Made(found.shaper, _least(proven, f"sequences with partial sums in [{sums[0]:g}, {sums[1]:g}] and these zeros"))
+
+
+_EITHER = frozenset({"simultaneous"})
+KINDS = (
+    Kind("zv, zvd, zvdd, zv-d:N", r"zv(?:(?P<d>d*)|-d:(\d+))", "zero vibration, and N derivatives of it", _derivatives,
+         _EITHER | {"sample_time"}),
+    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps),
+    Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified),
+    Kind("si", "si", "the shortest within the tolerance over the band", _insensitive, _EITHER),
+    Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity, _EITHER),
+    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps),
+    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, frozenset({"negative"}), frozenset({"negative"})),
+    Kind("sums-zv, sums-zvd, sums-zv-d:N", r"sums-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest with partial sums within bounds", _sums,
+         frozenset({"sums", "simultaneous"}), frozenset({"sums"})),
+)  # fmt: skip

@@ -1,0 +1,140 @@
+"""From a grid to exact instants: Newton's method on the conditions of optimality of the shortest positive shaper.
+
+With `F_i = Σ A_k z_i(t_k)`, `p(t) = Re Σ y_i* z_i(t)` (relaxations.insensitive) the shortest shaper, or at a fixed duration the one of
+least excess r over all tolerances, satisfies
+
+    Σ A = 1,   F_i = (V_i + r) y_i/|y_i|,   p(t_k) = λ,   p'(t_k) = 0 inside,   Σ |y_i| = 1,   d|F_i|/dω = 0 inside a band
+
+as many equations as unknowns: inner instants, amplitudes, multipliers, λ, inner frequencies, and the duration (r = 0) or r.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Reals = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+FAINT = 1e-6  # an amplitude that is none: the optimum is degenerate
+STEPS = 40
+CLOSED = 1e-12  # of equations of order one
+DIFFERENCE = 1e-7  # of unknowns of order one: the Jacobian is then as exact as Newton's method needs
+LONGEST = 0.3  # a step that is longer leaves what the grid has found
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """One condition: at natural `frequency` [rad/s] and `damping` derivative number `power` is at most `tolerance` (0: vanishes).
+
+    Derivatives are measured in `unit` [s], of the order of the duration, so that all are of order one. `band` is the number of the one that
+    it belongs to; `inner`: the frequency is a maximum inside it, and may move.
+    """
+
+    frequency: float
+    damping: float
+    tolerance: float
+    power: int = 0
+    unit: float = 1.0
+    band: int = -1
+    inner: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Extremal:
+    """A point that satisfies the conditions: instants [s] from 0 to the duration, amplitudes (n,), demands with multipliers (m,), r."""
+
+    times: Reals
+    amplitudes: Reals
+    demands: tuple[Demand, ...]
+    multipliers: Complexes
+    excess: float
+
+
+def rows(demands: Sequence[Demand], instants: Reals, duration: float) -> Complexes:
+    """z_i(t): shape (demands, instants)."""
+    omega, kappa, power, units = _columns(demands)
+    since = instants - duration
+    return ((since / units) ** power * np.exp(kappa * omega * since)).astype(np.complex128)
+
+
+def _columns(demands: Sequence[Demand]) -> tuple[Reals, Complexes, NDArray[np.int64], Reals]:
+    omega, units = (np.array([[x] for x in numbers]) for numbers in ([d.frequency for d in demands], [d.unit for d in demands]))
+    kappa = np.array([[complex(d.damping, math.sqrt(1.0 - d.damping**2))] for d in demands])
+    return omega, kappa, np.array([[d.power] for d in demands]), units
+
+
+def polished(start: Extremal, duration: float | None = None) -> Extremal | None:
+    """The extremal near `start`, the shortest (r = 0) or the one of the given `duration` [s]; None if Newton's method finds none."""
+    unit, n, m = 1.0 / start.demands[0].frequency, len(start.times), len(start.demands)
+    inner = [i for i, d in enumerate(start.demands) if d.inner]
+    scaled = [replace(d, frequency=d.frequency * unit, unit=d.unit / unit) for d in start.demands]
+    fixed = None if duration is None else duration / unit
+
+    def parts(x: Reals) -> tuple[Reals, float, Reals, Complexes, float, list[Demand]]:
+        end, excess = (float(x[n - 2]), 0.0) if fixed is None else (fixed, float(x[n - 2]))
+        times = np.concatenate([[0.0], x[: n - 2], [end]])
+        amplitudes, rest = x[n - 1 : 2 * n - 1], x[2 * n - 1 :]
+        y = rest[:m] + 1j * rest[m : 2 * m]
+        moved = list(scaled)
+        for place, i in enumerate(inner):
+            moved[i] = replace(scaled[i], frequency=float(rest[2 * m + 1 + place]))
+        return times, excess, amplitudes, y, float(rest[2 * m]), moved
+
+    def system(x: Reals) -> Reals:
+        times, excess, amplitudes, y, level, demands = parts(x)
+        omega, kappa, power, units = _columns(demands)
+        since = times - times[-1]
+        motion, share = np.exp(kappa * omega * since), since / units
+        z = share**power * motion
+        slope = (power / units * share ** np.maximum(power - 1, 0) + kappa * omega * share**power) * motion
+        left, sizes = z @ amplitudes, np.abs(y)
+        limits = np.array([d.tolerance for d in demands]) + excess
+        missed = left - limits * y / np.maximum(sizes, 1e-300)
+        course, rise = (y.conj() @ z).real, (y.conj() @ slope).real
+        tops = [(left[i].conjugate() * (kappa[i] * motion[i] * since) @ amplitudes).real / max(limits[i], 1e-9) for i in inner]
+        return np.concatenate(
+            [[amplitudes.sum() - 1.0, sizes.sum() - 1.0], missed.real, missed.imag, course - level, rise[1:-1], tops]
+        )  # fmt: skip
+
+    times, level = start.times / unit, float(np.abs(start.multipliers) @ [d.tolerance for d in start.demands])
+    own = times[-1] if fixed is None else start.excess
+    guess = np.concatenate([times[1:-1], [own], start.amplitudes, start.multipliers.real, start.multipliers.imag, [level]])
+    found = _newton(system, np.concatenate([guess, [scaled[i].frequency for i in inner]]))
+    if found is None:
+        return None
+    times, excess, amplitudes, y, _, demands = parts(found)
+    if amplitudes.min() <= -FAINT or np.diff(times).min() <= 0.0:
+        return None
+    freed = tuple(replace(d, frequency=moved.frequency / unit if d.inner else d.frequency)
+                  for d, moved in zip(start.demands, demands, strict=True))  # fmt: skip
+    return Extremal(times * unit, amplitudes, freed, y, excess)
+
+
+def _newton(system: Callable[[Reals], Reals], start: Reals) -> Reals | None:
+    """Damped; steps of least norm, for where the optimum is degenerate the equations depend on each other."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        x, value = start, system(start)
+        for _ in range(STEPS):
+            if not np.isfinite(value).all():
+                return None
+            if np.abs(value).max() <= CLOSED:
+                return x
+            columns = [(system(x + DIFFERENCE * e) - value) / DIFFERENCE for e in np.eye(len(x))]
+            if not np.isfinite(columns).all():
+                return None
+            step, *_ = np.linalg.lstsq(np.array(columns).T, -value, rcond=1e-9)
+            step *= min(1.0, LONGEST / max(float(np.abs(step).max()), 1e-300))
+            for _ in range(8):
+                following = system(x + step)
+                if np.abs(following).max() < np.abs(value).max():
+                    break
+                step = step / 2.0
+            else:
+                return x if np.abs(value).max() <= 10.0 * CLOSED else None
+            x, value = x + step, following
+    return None

@@ -1,0 +1,128 @@
+"""Shapers on a live stream of samples: a filter with bounded memory, block by block the same as on the whole, to the last bit.
+
+    y(t_n) = Σ_i A_i r(t_n - t_i),   t_n = nh,   r linear between samples and `rest` before the first
+
+A shaper whose instants are multiples of the sample time (relaxations.sampled_shapers) is applied exactly; of others each impulse becomes
+two neighbouring ones, which keeps its sum and its centre and changes its phasor by the order of (ωh)²/8 of it.
+A varying shaper reads A_i and t_i from a schedule at t_n: they and r are continuous, and so is the output.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from relaxations.errors import ShaperError
+from relaxations.shaper_modes import Mode
+from relaxations.shapers import Shaper
+
+Reals = NDArray[np.float64]
+
+ON_THE_GRID = 1e-9  # of a sample: instants that differ so little are multiples of the sample time
+
+
+class Stream:
+    """A shaper as a running filter of samples, `sample_time` [s] apart; `rest` is the reference before the first one.
+
+    Raises `ShaperError` for a time that is not positive, and for a shaper with decaying terms (those run as an FMU).
+    """
+
+    def __init__(self, shaper: Shaper, sample_time: float, rest: float = 0.0) -> None:
+        _require([shaper], sample_time)
+        taps: dict[int, float] = {}
+        for time, amplitude in zip(shaper.times, shaper.amplitudes, strict=True):
+            whole, part = _split(time / sample_time)
+            for delay, weight in ((whole, (1.0 - part) * amplitude), (whole + 1, part * amplitude)):
+                if weight:
+                    taps[delay] = taps.get(delay, 0.0) + weight
+        self.taps = tuple(sorted(taps.items()))
+        self._memory = np.full(self.taps[-1][0], float(rest))
+
+    def __call__(self, block: ArrayLike) -> Reals:
+        """The shaped samples (n,) of the next samples (n,) of the reference."""
+        fresh = np.asarray(block, dtype=float)
+        known = np.concatenate([self._memory, fresh])
+        past, count = len(self._memory), len(fresh)
+        shaped, part = np.zeros(count), np.empty(count)
+        for delay, weight in self.taps:
+            np.multiply(known[past - delay : past - delay + count], weight, out=part)
+            shaped += part
+        self._memory = known[count:]
+        return shaped
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """Which shaper acts when: `shapers` of as many impulses at ascending `instants` [s], in between both mixed, at either end held."""
+
+    instants: tuple[float, ...]
+    shapers: tuple[Shaper, ...]
+
+    def __post_init__(self) -> None:
+        wrong = []
+        if len(self.instants) != len(self.shapers) or not self.shapers:
+            wrong.append(f"a schedule has one shaper for each instant; there are {len(self.instants)} and {len(self.shapers)}")
+        if not all(map(math.isfinite, self.instants)) or any(b <= a for a, b in zip(self.instants, self.instants[1:], strict=False)):
+            wrong.append(f"instants of a schedule ascend; these are {list(self.instants)}")
+        counts = sorted({len(shaper.times) for shaper in self.shapers})
+        if len(counts) > 1:
+            wrong.append(f"shapers that turn into each other have as many impulses; these have {' and '.join(map(str, counts))}")
+        if wrong:
+            raise ShaperError("; ".join(wrong))
+
+    @staticmethod
+    def of(instants: Sequence[float], modes: Sequence[Mode], make: Callable[[Mode], Shaper]) -> Schedule:
+        """A shaper of one kind for a mode that is known at some instants."""
+        return Schedule(tuple(instants), tuple(map(make, modes)))
+
+    def at(self, instants: ArrayLike) -> tuple[Reals, Reals]:
+        """Times and amplitudes of the impulses (impulses, n) at `instants` (n,) [s]."""
+        where = np.asarray(instants, dtype=float)
+        times, amplitudes = (
+            np.array([np.interp(where, self.instants, column) for column in zip(*numbers, strict=True)])
+            for numbers in ([s.times for s in self.shapers], [s.amplitudes for s in self.shapers])
+        )
+        return times, amplitudes
+
+
+class VaryingStream:
+    """A filter as `Stream` is, whose shaper follows a schedule; time begins with the first sample."""
+
+    def __init__(self, schedule: Schedule, sample_time: float, rest: float = 0.0) -> None:
+        _require(schedule.shapers, sample_time)
+        self._schedule, self._step, self._count = schedule, sample_time, 0
+        self._memory = np.full(math.ceil(max(s.duration for s in schedule.shapers) / sample_time) + 1, float(rest))
+
+    def __call__(self, block: ArrayLike) -> Reals:
+        """The shaped samples (n,) of the next samples (n,) of the reference."""
+        fresh = np.asarray(block, dtype=float)
+        known, past = np.concatenate([self._memory, fresh]), len(self._memory)
+        here = np.arange(len(fresh))
+        times, amplitudes = self._schedule.at((self._count + here) * self._step)
+        shaped = np.zeros(len(fresh))
+        for time, amplitude in zip(times, amplitudes, strict=True):
+            delay = time / self._step
+            whole = np.floor(delay)
+            part, place = delay - whole, past + here - whole.astype(np.int64)
+            shaped += amplitude * ((1.0 - part) * known[place] + part * known[place - 1])
+        self._count += len(fresh)
+        self._memory = known[len(fresh) :]
+        return shaped
+
+
+def _split(delay: float) -> tuple[int, float]:
+    """Whole samples, and the part of one that is left."""
+    if abs(delay - round(delay)) <= ON_THE_GRID:
+        return round(delay), 0.0
+    return math.floor(delay), delay - math.floor(delay)
+
+
+def _require(shapers: Sequence[Shaper], sample_time: float) -> None:
+    if not 0.0 < sample_time < math.inf:
+        raise ShaperError(f"a sample time is positive and finite, not {sample_time!r} s")
+    if any(shaper.terms for shaper in shapers):
+        raise ShaperError("a stream takes impulses only; a shaper with decaying terms runs as an FMU (slewcert fmus export)")

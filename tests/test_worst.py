@@ -1,0 +1,56 @@
+"""The worst residual over a box: enclosed, attained where it says, and wrong claims are not made."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import flint
+import numpy as np
+import pytest
+
+from relaxations.checking import worst
+from relaxations.checking.worst import worst_residual
+from relaxations.sensitivity import residual
+
+
+def exact(numbers) -> list[Fraction]:
+    return [Fraction(float(x)) for x in numbers]
+
+
+def test_random_sequences_never_exceed_their_enclosure_and_attain_it():
+    chance = np.random.default_rng(4)
+    for _ in range(12):
+        count = int(chance.integers(1, 6))
+        times = np.concatenate([[0.0], np.cumsum(chance.uniform(0.05, 1.0, count))])
+        amplitudes = chance.normal(size=count + 1)
+        low, least = chance.uniform(0.5, 4.0), chance.uniform(0.0, 0.5)
+        high, most = low + chance.uniform(0.0, 2.0), least + chance.uniform(0.0, 0.3)
+        found = worst_residual(exact(times), exact(amplitudes), (Fraction(low), Fraction(high)), (Fraction(least), Fraction(most)))
+        sampled = max(
+            float(residual(times, amplitudes, np.linspace(low, high, 201), damping).max()) for damping in np.linspace(least, most, 41)
+        )
+        assert sampled <= found.upper * (1 + 1e-12)  # the sample's own rounding
+        assert found.upper - found.lower <= 1.01e-6 * found.upper
+        assert low <= found.frequency <= high
+        assert least <= found.damping <= most
+        there = float(residual(times, amplitudes, found.frequency, found.damping)[0])
+        assert there == pytest.approx(found.lower, rel=1e-9)
+
+
+def test_a_box_that_is_a_point_and_a_residual_that_vanishes():
+    one = Fraction(1)
+    found = worst_residual([Fraction(0), Fraction(1, 2)], [Fraction(1, 2)] * 2, (one, one), (Fraction(0), Fraction(0)))
+    assert found.lower <= np.cos(0.25) <= found.upper
+    nothing = worst_residual([Fraction(0)], [Fraction(0)], (one, 2 * one), (Fraction(0), Fraction(1, 10)))
+    assert nothing.lower == 0.0 <= nothing.upper <= 1e-9
+
+
+def test_few_cells_tell_less_but_nothing_wrong_and_the_precision_is_put_back(monkeypatch: pytest.MonkeyPatch):
+    box = (Fraction(2), Fraction(4)), (Fraction(0), Fraction(1, 5))
+    close = worst_residual(exact([0, 1, 2]), exact([0.25, 0.5, 0.25]), *box)
+    monkeypatch.setattr(worst, "MOST_CELLS", 5)
+    before = flint.ctx.prec
+    rough = worst_residual(exact([0, 1, 2]), exact([0.25, 0.5, 0.25]), *box)
+    assert rough.lower <= close.lower <= close.upper <= rough.upper
+    assert rough.upper > close.upper * (1 + 1e-3)
+    assert flint.ctx.prec == before
