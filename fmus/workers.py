@@ -26,6 +26,7 @@ from fmus.errors import FmuError, LinearizationError
 from fmus.plans import Misfit, Plan, plan
 from fmus.settling import preceded, rest, trimmed
 from fmus.stepping import Experiment, LogLine, Outcome, RunStatus, Trajectory
+from fmus.variables import Value
 
 RECYCLE = 500  # runs after which a child is replaced, so that what an FMU leaks stays bounded; costs 0.1 ms a run
 

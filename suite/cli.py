@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from decimal import Decimal, InvalidOperation
-from functools import wraps
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, TypeVar
+from typing import Any, Literal
 
 import click
 
-P = ParamSpec("P")
-R = TypeVar("R")
-
-USAGE, INCONCLUSIVE, FAILED, INTERRUPTED = 2, 3, 1, 130
-"""Exit codes other than 0: bad input; undecided, in error or incomplete; fail, differs or impossible; Ctrl-C."""
+from suite.cli_fmus import fmus
+from suite.command import AS_JSON, FAILED, INCONCLUSIVE, USAGE, guarded, print_json, user_errors
 
 POSITIVE = click.FloatRange(0.0, 1e150, min_open=True)
-AS_JSON = click.option("--json", "as_json", is_flag=True, help="Write one JSON object to standard output and nothing else there.")
 
 
 def _choose_sandbox(context: click.Context, option: click.Parameter, value: Literal["none", "auto", "bwrap"]) -> None:
     from fmus.confinement import choose_sandbox
 
-    with _user_errors():
+    with user_errors():
         choose_sandbox(value)
 
 
@@ -51,40 +43,6 @@ def main() -> None:
             stream.reconfigure(errors="replace")
 
 
-@contextmanager
-def _user_errors() -> Iterator[None]:
-    """A user's mistake becomes a message and exit code 2, never a traceback."""
-    from fmus.errors import FmuError
-    from relaxations.errors import ImpossibleShaperError, RelaxationsError
-    from reports.errors import ReportError
-    from suite.errors import SuiteError
-
-    try:
-        yield
-    except ImpossibleShaperError as problem:
-        click.echo(f"impossible: {problem}", err=True)
-        sys.exit(FAILED)
-    except (SuiteError, FmuError, RelaxationsError, ReportError) as problem:
-        click.echo(f"error: {problem}", err=True)
-        sys.exit(USAGE)
-    except OSError as problem:
-        where = f"{problem.filename}: " if problem.filename else ""
-        click.echo(f"error: {where}{problem.strerror or problem}", err=True)
-        sys.exit(USAGE)
-    except KeyboardInterrupt:
-        click.echo("interrupted", err=True)
-        sys.exit(INTERRUPTED)
-
-
-def _guarded(function: Callable[P, R]) -> Callable[P, R]:
-    @wraps(function)
-    def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
-        with _user_errors():
-            return function(*args, **kwargs)
-
-    return guarded
-
-
 @main.command()
 @click.argument("study", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Evidence folder; default: NAME-evidence in the current folder.")
@@ -93,7 +51,7 @@ def _guarded(function: Callable[P, R]) -> Callable[P, R]:
 @click.option("--force", is_flag=True, help="Replace an evidence folder that exists.")
 @SANDBOX
 @AS_JSON
-@_guarded
+@guarded
 def verify(study: Path, out: Path | None, jobs: int, resume: bool, force: bool, as_json: bool) -> None:
     """Design the command of STUDY, run it on the plant's FMU over the parameter range, judge every requirement, leave evidence.
 
@@ -111,7 +69,7 @@ def verify(study: Path, out: Path | None, jobs: int, resume: bool, force: bool, 
     with console.progress(f"co-simulating {asked.file.name}") as shown:
         done = run(asked, folder, jobs=jobs, resume=resume, force=force, progress=shown)
     if as_json:
-        _print_json(console.verification_record(done))
+        print_json(console.verification_record(done))
     else:
         console.show_verification(done)
     sys.exit({Verdict.PASS: 0, Verdict.FAIL: FAILED}.get(done.verdict, INCONCLUSIVE))
@@ -122,7 +80,7 @@ def verify(study: Path, out: Path | None, jobs: int, resume: bool, force: bool, 
 @click.option("--certificate", type=click.Path(path_type=Path), help="Write the proof to this file; of several studies, into this folder.")
 @SANDBOX
 @AS_JSON
-@_guarded
+@guarded
 def bound(studies: tuple[Path, ...], certificate: Path | None, as_json: bool) -> None:
     """Bracket the minimum time of each STUDY (or of every study in a folder) from both sides, with a proof; nothing is co-simulated.
 
@@ -135,7 +93,7 @@ def bound(studies: tuple[Path, ...], certificate: Path | None, as_json: bool) ->
     if len(files) == 1 and not studies[0].is_dir():
         done = bracket(files[0], certificate)
         if as_json:
-            _print_json(done.to_dict())
+            print_json(done.to_dict())
         else:
             console.show_bound(done)
         sys.exit(FAILED if done.impossible else 0)
@@ -145,7 +103,7 @@ def bound(studies: tuple[Path, ...], certificate: Path | None, as_json: bool) ->
             table.append(bracket(file, None if certificate is None else certificate / f"{file.stem}.certificate.json"))
             shown.advance()
     if as_json:
-        _print_json({"studies": [{"study": str(done.study.file), **done.to_dict()} for done in table]})
+        print_json({"studies": [{"study": str(done.study.file), **done.to_dict()} for done in table]})
     else:
         console.show_collection(table)
 
@@ -154,7 +112,7 @@ def bound(studies: tuple[Path, ...], certificate: Path | None, as_json: bool) ->
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--study", type=click.Path(path_type=Path), help="Confirm that the certificates are about this study.")
 @AS_JSON
-@_guarded
+@guarded
 def check(files: tuple[Path, ...], study: Path | None, as_json: bool) -> None:
     """Verify certificates, or those of evidence folders, independently of the solver, and print what they claim.
 
@@ -166,9 +124,7 @@ def check(files: tuple[Path, ...], study: Path | None, as_json: bool) -> None:
     done = [check_path(path, study) for path in files]
     if as_json:
         records = [checked.to_dict() for checked in done]
-        _print_json(
-            records[0] if len(records) == 1 else {"files": [{"file": str(c.path), **r} for c, r in zip(done, records, strict=True)]}
-        )
+        print_json(records[0] if len(records) == 1 else {"files": [{"file": str(c.path), **r} for c, r in zip(done, records, strict=True)]})
     else:
         click.echo("\n\n".join("\n".join(checked.lines()) for checked in done))
     sys.exit(min((checked.exit_code for checked in done), key=ORDER.index))
@@ -187,7 +143,7 @@ def check(files: tuple[Path, ...], study: Path | None, as_json: bool) -> None:
 @click.option("--timeout", type=POSITIVE, default=60.0, show_default=True, help="Wall-clock time that a run may take [s].")
 @click.option("--convergence", is_flag=True, help="Refine the run four times and show how its output changes.")
 @AS_JSON
-@_guarded
+@guarded
 def simulate(
     fmu: str,
     command: Path,
@@ -214,7 +170,7 @@ def simulate(
     request = Request(fmu, command, driven, moved, given, stop, step, interface, timeout)
     done = run(request, log, convergence)
     if as_json:
-        _print_json(done.to_dict())
+        print_json(done.to_dict())
     else:
         console.show_simulated(done, moved)
     sys.exit(0 if done.status.complete else INCONCLUSIVE)
@@ -234,7 +190,7 @@ def _assignment(text: str) -> tuple[str, Decimal]:
 @main.command()
 @click.argument("path", type=click.Path(path_type=Path))
 @AS_JSON
-@_guarded
+@guarded
 def review(path: Path, as_json: bool) -> None:
     """Compute every quantity again from a log RUN.mcap or an evidence folder, and compare with what was recorded.
 
@@ -246,7 +202,7 @@ def review(path: Path, as_json: bool) -> None:
 
     done = run(path)
     if as_json:
-        _print_json(done.to_dict())
+        print_json(done.to_dict())
         for finding in done.findings:
             click.echo(finding, err=True)
     else:
@@ -283,7 +239,7 @@ class _Settling(click.ParamType[float]):
 @click.option("--at", type=_Settling(), default=0.0, help="Let it settle for so long, or until it rests; default: where it starts.")
 @click.option("--step", type=click.FloatRange(0.0, min_open=True), help="Communication step [s]; default: the FMU's.")
 @AS_JSON
-@_guarded
+@guarded
 def linearize(
     fmu: str, entry: str, output: str, method: str, settings: tuple[str, ...], at: float, step: float | None, as_json: bool
 ) -> None:
@@ -301,7 +257,7 @@ def linearize(
         click.echo(f"error: {problem}", err=True)
         sys.exit(USAGE if problem.status is None else INCONCLUSIVE)
     if as_json:
-        _print_json(found.to_dict())
+        print_json(found.to_dict())
     else:
         console.show_linear(found)
 
@@ -321,7 +277,7 @@ def linearize(
               help="Write it for others: .cfg (Klipper), .g (RepRapFirmware), .h (C).")  # fmt: skip
 @click.option("--save", type=click.Path(path_type=Path), help="Write a shaper file, for `slewcert fmus export`.")
 @AS_JSON
-@_guarded
+@guarded
 def shaper(as_json: bool, plot: Path | None, exports: tuple[Path, ...], save: Path | None, **words: Any) -> None:
     """Make a shaper of KIND for one or several modes, and prove its worst residual vibration over a box of frequency and damping.
 
@@ -338,109 +294,9 @@ def shaper(as_json: bool, plot: Path | None, exports: tuple[Path, ...], save: Pa
     if plot:
         shaping.draw(done, plot)
     if as_json:
-        _print_json(done.to_dict())
+        print_json(done.to_dict())
     else:
         console.show_shaper(done)
 
 
-@main.group()
-def fmus() -> None:
-    """Plants shipped here, and FMUs in general."""
-
-
-@fmus.command("list")
-@AS_JSON
-@_guarded
-def fmus_list(as_json: bool) -> None:
-    """List the plants shipped here: domain, input and output, poles and zeros."""
-    from fmus.catalogue import catalogue
-    from suite import console
-
-    plants = catalogue()
-    if as_json:
-        _print_json(console.catalogue_record(plants))
-    else:
-        console.show_catalogue(plants)
-
-
-@fmus.command("build")
-@click.argument("names", nargs=-1)
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for the FMUs; default: the cache that studies use.")
-@AS_JSON
-@_guarded
-def fmus_build(names: tuple[str, ...], out: Path | None, as_json: bool) -> None:
-    """Build the FMUs (FMI 2.0 and 3.0) of the plants NAMES, or of all that are shipped; chain_6 is the chain with six masses."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    from fmus.build import build, is_shipped, shipped
-    from fmus.compiling import FmiVersion
-
-    unknown = sorted(name for name in names if "." in name or not is_shipped(name))
-    if unknown:
-        raise click.UsageError(f"no such plant: {', '.join(unknown)}; there are {', '.join(shipped())}")
-    versions: tuple[FmiVersion, ...] = ("2.0", "3.0")
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # the work is the compiler's, in processes of its own
-        wanted = [(name, version) for name in names or shipped() for version in versions]
-        built = list(pool.map(lambda each: build(each[0], each[1], out), wanted))
-    if as_json:
-        _print_json({"fmus": [str(path) for path in built]})
-    else:
-        click.echo("\n".join(map(str, built)))
-
-
-@fmus.command("export")
-@click.argument("source", metavar="COMMAND_OR_SHAPER", type=click.Path(path_type=Path))
-@click.option("--fmi", type=click.Choice(["2", "3", "both"]), help="FMI version; default: both, with --ssp the plant's.")
-@click.option("--out", type=click.Path(path_type=Path), help="File (.fmu, .ssp) or folder; default: the current folder.")
-@click.option("--name", help="The model's name; default: the file's.")
-@click.option("--output", metavar="NAME", help="Its output; default: u of a command, shaped of a shaper.")
-@click.option("--unit", help="Unit of input and output; default: none, with --ssp the plant's.")
-@click.option("--rest", type=float, help="Where the input rests before; default: 0, with --ssp the start value of the plant's input.")
-@click.option("--linear", is_flag=True, help="A shaper reads its reference as a line over each step, not as held (its parameter `linear`).")
-@click.option("--history", type=int, help="How many changes of its reference a shaper remembers; default: 8192.")
-@click.option("--platform", "platforms", multiple=True, type=click.Choice(["linux64", "win64", "darwin64", "all"]),
-              help="What to compile for; default: all with ziglang, else this machine.")  # fmt: skip
-@click.option("--ssp", "plant", metavar="PLANT", help="Write an .ssp with this plant: an .fmu or one that is shipped here.")
-@click.option("--input", metavar="NAME", help="The plant's input, for --ssp; default: its only one.")
-@click.option("--force", is_flag=True, help="Replace files that exist.")
-@AS_JSON
-@_guarded
-def fmus_export(source: Path, as_json: bool, **options: Any) -> None:
-    """Write a command or shaper file as a co-simulation FMU with sources and libraries, to run it anywhere."""
-    from suite.taking_away import Wanted, take_away
-
-    if options["input"] and not options["plant"]:
-        raise click.UsageError("--input is an input of the plant: name that with --ssp")
-    done = take_away(source, Wanted(**{key: value for key, value in options.items() if value is not None}))
-    if as_json:
-        _print_json(done.to_dict())
-    else:
-        for path, made in done.files:
-            click.echo(f"{path}: FMI {made.fmi_version} for {', '.join(made.platforms)}")
-        if done.note:
-            click.echo(done.note, err=True)
-
-
-@fmus.command("inspect")
-@click.argument("file", type=click.Path(path_type=Path))
-@AS_JSON
-@_guarded
-def fmus_inspect(file: Path, as_json: bool) -> None:
-    """Tell what the FMU in FILE holds, and what would prevent a run of it here; none of its code is loaded.
-
-    Exit code 0: it can be run here; 1: something prevents that; 2: bad input, an FMU that is refused everywhere.
-    """
-    from fmus.inspection import inspect
-    from suite import console
-    from suite.inspecting import inspection_record
-
-    found = inspect(file)
-    if as_json:
-        _print_json(inspection_record(found))
-    else:
-        console.show_inspection(found)
-    sys.exit(FAILED if found.obstacles else 0)
-
-
-def _print_json(record: Mapping[str, Any]) -> None:
-    click.echo(json.dumps(record, allow_nan=False))  # in ASCII, which holds paths of any bytes and passes through any terminal
+main.add_command(fmus)

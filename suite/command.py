@@ -1,0 +1,61 @@
+"""What every command of the command line shares: exit codes, `--json`, and a user's mistakes as messages."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+import click
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+USAGE, INCONCLUSIVE, FAILED, INTERRUPTED = 2, 3, 1, 130
+"""Exit codes other than 0: bad input; undecided, in error or incomplete; fail, differs or impossible; Ctrl-C."""
+
+AS_JSON = click.option("--json", "as_json", is_flag=True, help="Write one JSON object to standard output and nothing else there.")
+
+
+@contextmanager
+def user_errors() -> Iterator[None]:
+    """A user's mistake becomes a message and exit code 2, never a traceback."""
+    from fmus.errors import FmuError
+    from relaxations.errors import ImpossibleShaperError, RelaxationsError
+    from reports.errors import ReportError
+    from suite.errors import SuiteError
+
+    try:
+        yield
+    except ImpossibleShaperError as problem:
+        click.echo(f"impossible: {problem}", err=True)
+        sys.exit(FAILED)
+    except (SuiteError, FmuError, RelaxationsError, ReportError) as problem:
+        click.echo(f"error: {problem}", err=True)
+        sys.exit(USAGE)
+    except OSError as problem:
+        where = f"{problem.filename}: " if problem.filename else ""
+        click.echo(f"error: {where}{problem.strerror or problem}", err=True)
+        sys.exit(USAGE)
+    except KeyboardInterrupt:
+        click.echo("interrupted", err=True)
+        sys.exit(INTERRUPTED)
+
+
+def guarded(function: Callable[P, R]) -> Callable[P, R]:
+    """A command whose user's mistakes are told in words."""
+
+    @wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        with user_errors():
+            return function(*args, **kwargs)
+
+    return run
+
+
+def print_json(record: Mapping[str, Any]) -> None:
+    """Write one JSON object to standard output."""
+    click.echo(json.dumps(record, allow_nan=False))  # in ASCII, which holds paths of any bytes and passes through any terminal
