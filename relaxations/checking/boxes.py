@@ -99,7 +99,7 @@ def relaxed(system: System, samples: Any) -> tuple[tuple[Root, ...], list[arb], 
     """
     roots: list[Root] = []
     numbers: list[arb] = []
-    gain, allowed = arb(0), system.task.box.tolerance * abs(system.task.displacement)
+    gain, allowed = arb(0), (system.task.box.tolerance if samples else fmpq(0)) * abs(system.task.displacement)
     for written in samples:
         plant = sample(system.task, written.place)
         factors = [acb(0)] * len(plant.roots)
