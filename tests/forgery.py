@@ -109,7 +109,7 @@ def task(numerator: list[str], denominator: list[str], displacement: str = "1", 
     limits = {"input": list(others.pop("limits", ("-1", "1")))}
     limits |= {"tail_length": others.pop("tail_length", None), "zero_sensitivity": others.pop("zero_sensitivity", {})}
     plant = {"numerator": numerator, "denominator": denominator, "zeros": others.pop("zeros", {})}
-    return {"plants": [plant], "displacement": displacement, "rest": "state", "limits": limits, "initial_input": "0", **others}
+    return {"plants": [plant], "box": None, "displacement": displacement, "rest": "state", "limits": limits, "initial_input": "0", **others}
 
 
 def certificate(
@@ -123,7 +123,7 @@ def certificate(
 def costate(*chains: tuple[tuple[str, str], list[tuple[str, str]]], tail: Any = ()) -> dict[str, Any]:
     """A lower side's witness."""
     written_chains = [{"near": list(near), "coefficients": [list(c) for c in coefficients]} for near, coefficients in chains]
-    return {"costate": [written_chains], "tail": list(tail)}
+    return {"costate": [written_chains], "tail": list(tail), "samples": []}
 
 
 def command(time: str, segments: list[tuple[str, str]], free: list[list[Any]], radius: str = "1/1000000", tail: Any = ()) -> dict[str, Any]:

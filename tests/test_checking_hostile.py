@@ -128,5 +128,14 @@ print(sorted(name for name in sys.modules if name.startswith(("relaxations", "su
     path = tmp_path / "certificate.json"
     path.write_bytes(proven("two_mass_1"))
     done = subprocess.run([sys.executable, "-c", script, path], capture_output=True, text=True, check=True)
-    modules = ["", ".checking", ".checking.balls", ".checking.claims", ".checking.lower", ".checking.reading", ".checking.upper"]
+    modules = [
+        "",
+        ".checking",
+        ".checking.balls",
+        ".checking.boxes",
+        ".checking.claims",
+        ".checking.lower",
+        ".checking.reading",
+        ".checking.upper",
+    ]
     assert done.stdout.splitlines() == ["proved True", "[]", str([f"relaxations{name}" for name in modules])]

@@ -192,7 +192,7 @@ UNSUPPORTED_VALUES = {
     "limits.pulse_width": "[limits]\npulse_width = 1",
     "limits.pulses": "[limits]\npulses = 1",
     "command.kind": '[command]\nkind = "pole-zero"',
-    "command.robustness": "[command]\nrobustness = 'box'\ntolerance = 0.05\n[[uncertainty]]\nparameter = 'k'\nrange = [1, 2]",
+    "command.final_tolerance": "[command]\nrobustness = 'box'\ntolerance = 0.05\nfinal_tolerance = 0.1\n[[uncertainty]]\nparameter = 'k'\nrange = [1, 2]",
     "command.tail": "[command]\ntail = true",
     "command.type": "[command]\ntype = 1",
     "command.alpha": "[command]\nalpha = 0.1",
@@ -217,7 +217,7 @@ def test_linear_parameters_are_refused_not_ignored(tmp_path: Path) -> None:
 
 def test_the_input_that_the_command_drives_cannot_be_held_too(tmp_path: Path) -> None:
     held = CRANE.replace("[maneuver]", "parameters = { force = 1.0 }\n[maneuver]")
-    assert "'force' of Gantry crane has causality input, not parameter" in mistakes(tmp_path, held)["plant.parameters.force"]
+    assert "'force' is driven by the command" in mistakes(tmp_path, held)["plant.parameters.force"]
     axis = "[[uncertainty]]\nparameter = 'force'\nrange = [0.0, 1.0]\n"
     assert "causality input, not parameter" in mistakes(tmp_path, CRANE + axis)["uncertainty[1].parameter"]
     nameless = mistakes(tmp_path, CRANE.replace('input = "force"\n', "").replace("[maneuver]", "parameters = { force = 1.0 }\n[maneuver]"))

@@ -155,7 +155,10 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     require(all(side >= 0 for side in sides), "a maneuver time is not negative")
     require(bool(lower or not claim.lower) and bool(upper or claim.upper is None), "a side that is claimed has no witness")
     contacts = [*lower.tail, *(contact for sample in lower.samples for contact in sample.residual)] if lower else []
-    require(all(x >= 0 for contact in contacts for x in vars(contact).values()), "times and multipliers of limits are not negative")
+    require(
+        all(x >= 0 for contact in contacts for x in vars(contact).values()),
+        "times and multipliers of the tail are not negative, nor those of samples",
+    )
     require(task.box is not None or not lower or not lower.samples, "samples of a box that the task does not have")
     if upper:
         begins = upper.segments[0].start == 0 < upper.maneuver_time if upper.segments else upper.maneuver_time == 0
