@@ -192,7 +192,7 @@ UNSUPPORTED_VALUES = {
     "limits.pulse_width": "[limits]\npulse_width = 1",
     "limits.pulses": "[limits]\npulses = 1",
     "command.kind": '[command]\nkind = "pole-zero"',
-    "command.final_tolerance": "[command]\nrobustness = 'box'\ntolerance = 0.05\nfinal_tolerance = 0.1\n[[uncertainty]]\nparameter = 'k'\nrange = [1, 2]",
+    "command.final_tolerance": "[command]\nfinal_tolerance = 0.1\n",
     "command.tail": "[command]\ntail = true",
     "command.type": "[command]\ntype = 1",
     "command.alpha": "[command]\nalpha = 0.1",
