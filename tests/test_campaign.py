@@ -346,7 +346,7 @@ def test_what_hinders_one_run_is_that_runs_error(tmp_path: Path, monkeypatch: py
 
     class Unlucky(Worker):
         def run(self, experiment: Experiment, timeout: float) -> Outcome:
-            if experiment.parameters["stiffness"] > 1.1:
+            if float(experiment.parameters["stiffness"]) > 1.1:
                 raise FmuError("the child process for the FMU did not start")
             return super().run(experiment, timeout)
 

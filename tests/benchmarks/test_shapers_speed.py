@@ -40,7 +40,8 @@ def test_specified_insensitivity_solved_and_proven() -> None:
         found = specified([Band(MODE, 0.8, 1.2, 0.05)]).shaper
         numbers = [Fraction(t) for t in found.times], [Fraction(a) for a in found.amplitudes]
         band = Fraction(8, 10) * Fraction(MODE.frequency), Fraction(12, 10) * Fraction(MODE.frequency)
-        worst_residual(*numbers, band, (Fraction(MODE.damping),) * 2, relative=1e-10)
+        damping = Fraction(MODE.damping)
+        worst_residual(*numbers, band, (damping, damping), relative=1e-10)
 
     solve()  # loads the solver
     print(f"\nSI over one band, solved, its duration and worst case proven: {median(solve, 9):.3f} s")
