@@ -115,6 +115,8 @@ def claim(found: Check) -> str:
     rest, (low, high), tail = REST[task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
     lines.append(f"Task: from rest at input {task['initial_input']} move the output by {task['displacement']}; {rest}.")
     lines.append(f"Limits: {low} ≤ u(t) ≤ {high} for all t ≥ 0.")
+    if fuel := task["limits"]["fuel"]:
+        lines.append(f"  The fuel ∫|u(t) - {task['initial_input']}| dt of the move, from 0 to T, is at most {fuel}.")
     if box:
         allowed = f"at most {box['tolerance']} of the displacement instead of 0"
         lines.append(f"  In every plant of the box the residual |y(t) - y(∞)| for t ≥ T is {allowed};")

@@ -8,6 +8,9 @@ asks for ∫_0^T e^{as} u ds + ∫_0^∞ e^{-ar} v dr = m:
 
 face       if u may leave 0 to one side only, and m is 0 or on the other side, then u is 0 almost everywhere: nothing moves.
 remainder  if a is stable and u_ss is a limit, then m = u_ss ∫_0^∞ e^{as} ds, v is on one side of 0, and the left side is never that large.
+
+A budget of fuel adds μ fuel on the right, μ ≥ 0, and σ(p) = max(0, upper (p - μ)) + max(0, lower (p + μ)), both parts of the kind above. It
+may make a task impossible too: where the pole is 0, and there is no tail, m = ∫_0^T u ds is at most the fuel.
 """
 
 from __future__ import annotations
@@ -27,9 +30,10 @@ def impossible(system: System, criterion: str) -> None:
     """Prove that no admissible command reaches the target in any time, or raise `Undecided`."""
     begins = accumulate((root.size for root in system.roots), initial=0)
     poles = [(root.value.real, system.target[i, 0]) for root, i in zip(system.roots, begins, strict=False) if not root.flexible]
-    right = [(a, m) for a, m in poles if all(zero.value.real < a for zero in system.zeros)]
+    fuel, right = system.task.limits.fuel, [(a, m) for a, m in poles if all(zero.value.real < a for zero in system.zeros)]
     met = {
         "face": any((m <= 0 and system.lower == 0) or (m >= 0 and system.upper == 0) for _, m in right),
+        "fuel": fuel is not None and not system.zeros and any(a.is_zero() and abs(m) > fuel for a, m in poles),
         "remainder": system.rest != 0 and system.rest in (system.lower, system.upper) and any(a < 0 for a, _ in right),
     }
     if not met[criterion]:
@@ -92,11 +96,20 @@ def support(p: Wave, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
     return total + weights[sign] * p.integral(horizon)
 
 
+def priced(system: System, p: Wave, horizon: arb, fuel: fmpq, fine: arb) -> arb:
+    """A ball around `∫_0^horizon σ(p) ds` with the multiplier of the fuel."""
+    lower, upper, level, nothing = arb(system.lower), arb(system.upper), arb(fuel), arb(0)
+    if fuel == 0:
+        return support(p, horizon, lower, upper, fine)
+    return support(p.raised(-level), horizon, nothing, upper, fine) + support(p.raised(level), horizon, lower, nothing, fine)
+
+
 def prove(system: System, witness: Any, time: fmpq) -> None:
     """Prove that no admissible command takes `time` seconds or less; raises `Refuted` or `Undecided`."""
     require(bool(system.zeros) or not witness.tail, "multipliers of a tail that the task does not have")
     numbers, price = costate(system, witness)
     roots, others, relief = boxes.relaxed(system, witness.samples)
+    price += arb(witness.fuel * (system.task.limits.fuel or 0))
     gain = sum((a * b for a, b in zip(numbers.entries(), system.target.entries(), strict=True)), relief - price)
     if gain <= 0:
         raise Refuted("the lower bound's inequality (2) is false for this costate, whatever the time")
@@ -104,9 +117,8 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         raise Undecided("the lower bound's inequality (2) is undecided at this precision")
     p, end = Wave.of((*system.roots, *roots), [*numbers.entries(), *others]), arb(time)
     fine = (gain / end * arb(2) ** (-flint.ctx.prec // 2)).lower()
-    limits = arb(system.lower), arb(system.upper)
-    if support(p, end.upper(), *limits, fine) < gain:
+    if priced(system, p, end.upper(), witness.fuel, fine) < gain:
         return
-    if support(p, end.lower(), *limits, fine) > gain:
+    if priced(system, p, end.lower(), witness.fuel, fine) > gain:
         raise Refuted("the lower bound's inequality (2) is false for this costate at the time that is claimed")
     raise Undecided("the lower bound's inequality (2) is undecided at this precision")
