@@ -7,9 +7,9 @@ At a fixed maneuver time the *reachable fraction* α of the target is maximised 
 over the impulse amplitudes A, that is, over the staircase u that they add up to (the solver's variables are the values u: with A as further
 variables, linked sparsely, 10⁵ intervals take twice as long), and over the coefficients c of the tail, whose limits are imposed at instants
 after the move and scale with α on both sides (unscaled, α would have a ceiling where the final rest input lies on a limit). The caps on
-single coefficients are further such rows, tangents of a disc where one is complex. The rows of Q are
-orthonormal, so that no scaling of poles, time or units is left in them, and the program is always feasible. With a budget of fuel the
-levels are u⁺ - u⁻ of two parts that are not negative, and `Σ widths (u⁺ + u⁻) ≤ fuel`; like the input's limits that does not scale with α. Solver status is never
+single coefficients are further such rows, tangents of a disc where one is complex. With a budget of fuel the levels are u⁺ - u⁻ of two
+parts that are not negative, and `Σ widths (u⁺ + u⁻) ≤ fuel`; like the input's limits that does not scale with α. The rows of Q are
+orthonormal, so that no scaling of poles, time or units is left in them, and the program is always feasible. Solver status is never
 evidence: what comes out is a candidate.
 """
 

@@ -123,7 +123,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
 
 
 def _at_ease(problem: Problem, task: dict[str, Any], settings: Settings) -> Bound | None:
-    """The bound of the problem without its further limits, if its command respects them as it is: with the certificate of the whole task."""
+    """The bound of the problem without its further limits, if its command respects them as it is; certified for the whole task."""
     try:
         found = bracket(problem.eased, settings)
     except SolverError:

@@ -125,8 +125,9 @@ class Maneuver:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """`lower ≤ u(t) ≤ upper`, absolute, input units; `∫_0^T |u - u_0| dt ≤ fuel` (input units · s); of a tail also (seconds after the move, fraction of the nearer limit's distance), and
-    (shift as a fraction of its magnitude, residual as a fraction of the displacement) for zeros that may be elsewhere, by name."""
+    """`lower ≤ u(t) ≤ upper`, absolute, input units; `∫_0^T |u - u_0| dt ≤ fuel` (input units · s); of a tail also (seconds after
+    the move, fraction of the nearer limit's distance), and (shift as a fraction of its magnitude, residual as a fraction of the
+    displacement) for zeros that may be elsewhere, by name."""
 
     lower: Decimal
     upper: Decimal

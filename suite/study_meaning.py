@@ -110,7 +110,8 @@ def _task(plant: Plant, displacement: Decimal, limits: schema.Limits, mistakes: 
         mistakes.append(Mistake("plant", ABSENT, str(problem)))
         return
     if final != rest and limits.fuel is not None:
-        why = f"belongs to a plant that rests without input; holding this one at its target takes {float(final - Fraction(rest)):.10g} for ever"
+        hold = float(final - Fraction(rest))
+        why = f"belongs to a plant that rests without input; holding this one at its target takes {hold:.10g} for ever"
         mistakes.append(Mistake("limits.fuel", limits.fuel, why))
     if final != rest and not lower <= final <= upper:
         mistakes.append(

@@ -1,4 +1,4 @@
-"""Minimum times under further limits by a second way: state space, one linear program for each time in HiGHS, bisection. No duality of ours."""
+"""Minimum times under further limits by a second way: state space, a linear program for each time in HiGHS, bisection. Nothing dual."""
 
 from __future__ import annotations
 

@@ -18,8 +18,8 @@ from typing import Any
 
 import independent
 import pytest
-from independent_limits import Limited
 from forgery import certificate, forged, number, opened, proven, proven_tail, task, written
+from independent_limits import Limited
 
 from relaxations.bounds import bracket
 from relaxations.checking.claims import Outcome, check

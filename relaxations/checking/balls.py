@@ -200,7 +200,7 @@ def system(task: Any) -> System:
     rest = fmpq(0) if rigid else ratio
     lower, upper = (limit - task.initial_input for limit in task.limits.input)
     require(lower <= min(0, rest) and max(0, rest) <= upper, "the limits exclude the input at a rest")
-    require(task.limits.fuel is None or rest == 0, "a budget of fuel belongs to a plant that rests without input")
+    require(task.limits.fuel is None or not rest, "a budget of fuel belongs to a plant that rests without input")
 
     def target(root: Root) -> list[acb]:
         if root.value.is_zero():
