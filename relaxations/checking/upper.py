@@ -33,6 +33,9 @@ def as_written(system: System, witness: Any) -> tuple[list[Number], list[int]]:
     require(len(set(witness.free)) == len(witness.free), "upper.free names an unknown twice")
     levels = [segment.level - system.task.initial_input for segment in witness.segments]
     command = [witness.maneuver_time, *(segment.start for segment in witness.segments), *levels, *tail]
+    if step := system.task.limits.sample_time:
+        fixed = all((instant / step).q == 1 for instant in command[: n + 1]) and all(kind == "level" for kind, _, _ in witness.free)
+        require(fixed, "with a sample time all instants are exact multiples of it, and none is an unknown")
     return command, [places[name] for name in witness.free]
 
 
