@@ -65,8 +65,9 @@ class Settings:
 class Bound:
     """A bracket of the minimum time T* [s]: `lower` rests on `costate`, `upper` on `command`; `reason` says what is missing to a proof.
 
-    `tail` holds the coefficients of the command's tail, `dual` what costate and command came from (`above` the command, where that is another
-    program, on the grid of a sample time). `certificate` holds what was proven, in a form that `relaxations.checking` verifies.
+    `tail` holds the coefficients of the command's tail, `dual` what costate and command came from (`above` the command, where it is
+    that of another program: on the grid of a sample time). `certificate` holds what was proven, in a form that `relaxations.checking`
+    verifies.
     """
 
     status: Status

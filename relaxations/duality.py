@@ -108,7 +108,7 @@ def support(problem: Problem, costate: Reals, horizon: float) -> Support:
 
 @dataclass(frozen=True, slots=True)
 class Costate:
-    """A costate (size,) of `problem` by itself, meant to refute commands of up to `maneuver_time` [s]: no limit after the move has a price."""
+    """A costate (size,) of `problem` by itself, to refute commands of up to `maneuver_time` [s]; nothing after the move has a price."""
 
     problem: Problem
     costate: Reals

@@ -230,7 +230,9 @@ def _sampling(plants: Sequence[LinearPlant], maneuver: Maneuver) -> list[str]:
     if not step > 0:
         raise ManeuverError(f"a sample time is more than 0, not {float(step)!r} s")
     if maneuver.tail:
-        raise ManeuverError("an output rest needs an input that decays after the move (tail = true), not one that is constant over each sample")
+        raise ManeuverError(
+            "an output rest (tail = true) needs an input that decays after the move, not one that is constant over each sample"
+        )
     halves = {math.pi / pole.natural_frequency for plant in plants for pole in plant.flexible}
     return [
         f"the sample time of {float(step):.6g} s is longer than half the period of a mode, {half:.6g} s: "

@@ -26,9 +26,9 @@ from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.polishing import Polished, polish
 from relaxations.refinement import Extremal, outline
-from relaxations.repair import Repaired, pivots, repair
+from relaxations.repair import Repaired, exact, pivots, repair
 from relaxations.robust import further, sampled
-from relaxations.sampling import sampled_bracket
+from relaxations.sampling import MISSED, sampled_bracket
 
 Reals = NDArray[np.float64]
 
@@ -113,7 +113,12 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
         count += looked.programs
         found = looked if found is None or (found.switches is None and looked.switches is not None) else found
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
-        if gridded or proof.gap <= (REGULAR if problem.residuals is None else ROBUST) or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
+        if (
+            gridded
+            or proof.gap <= (REGULAR if problem.residuals is None else ROBUST)
+            or looked.upper is None
+            or (factor > 1 and proof.gap <= GOOD)
+        ):
             break
     if found is None:
         # Nothing is known then but that no time is less than 0.
@@ -270,9 +275,7 @@ def _grids(problem: Problem, found: Bound, settings: Settings) -> Iterator[tuple
             yield from ((problem.samples(count + more, stride), beyond / 4.0) for beyond in (beyonds if problem.residuals else beyonds[:1]))
 
 
-def _repaired(
-    problem: Problem, task: dict[str, Any], grids: Iterator[tuple[Reals, float]]
-) -> tuple[Proof, programs.GridSolution | None]:
+def _repaired(problem: Problem, task: dict[str, Any], grids: Iterator[tuple[Reals, float]]) -> tuple[Proof, programs.GridSolution | None]:
     """The upper side by linear repair, a little beyond the minimum time; with the program it came from."""
     solution: programs.GridSolution | None = None
     for grid, inside in grids:
@@ -285,8 +288,9 @@ def _repaired(
                 solution = cut(problem, grid, inside)
         except SolverError:
             continue
-        for snap in (1e-7, 0.0)[: 2 if problem.residuals is None else 1] if solution.reaches else ():
-            fixed = repair(solution, snap)
+        tie = problem.maneuver.sample_time is not None and solution.fraction > 1.0 - MISSED  # the minimum may be a whole number of samples
+        for snap in (1e-7, 0.0)[: 2 if problem.residuals is None else 1] if solution.reaches or tie else ():
+            fixed = (exact(solution) if tie else None) or (repair(solution, snap) if solution.reaches else None)
             if fixed is None:
                 continue
             names = certificates.tail_unknowns(problem)

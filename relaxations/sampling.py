@@ -25,7 +25,9 @@ from relaxations.repair import SNAP, repair
 
 Reals = NDArray[np.float64]
 
-MOST_SAMPLES = 10_000  # of a program, which then takes a second; a shorter sample time is bracketed by commands on every second sample, or …
+MOST_SAMPLES = (
+    10_000  # of a program, which then takes a second; a shorter sample time is bracketed by commands on every second sample, or …
+)
 MISSED = 1e-9  # of the target: what a command may fall short by where the minimum time is itself a whole number of samples
 
 
@@ -92,7 +94,9 @@ def _least(reaches: Callable[[int], bool], first: int) -> int | None:
     return above
 
 
-def _refuting(problem: Problem, known: dict[int, programs.GridSolution | None], stride: int, count: int) -> programs.GridSolution | Costate | None:
+def _refuting(
+    problem: Problem, known: dict[int, programs.GridSolution | None], stride: int, count: int
+) -> programs.GridSolution | Costate | None:
     """The multipliers of the program with one sample less than `count`: no shorter command reaches the target."""
     if count <= 1:
         return None

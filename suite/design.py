@@ -68,10 +68,6 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
         box=box(study) if robust == "box" else None,
         sample_time=None if study.limits.sample_time is None else Fraction(study.limits.sample_time),
     )
-    return _problem(study, plant, maneuver)
-
-
-def _problem(study: Study, plant: LinearPlant, maneuver: Maneuver) -> Problem:
     try:
         return problem([plant], maneuver)
     except ManeuverError as refused:
@@ -131,7 +127,11 @@ def on_grid(study: Study, made: Design) -> Design:
         place = "command.file" if given else "command.start"
         why = f"the FMU takes communication steps of one size only, but {problem}"
         raise StudyError(str(study.file), [Mistake(place, ABSENT, why)]) from None
-    sampled = minimum_time(_problem(study, made.plant, replace(made.problem.maneuver, sample_time=Fraction(repr(step)))))
+    try:
+        sampled = minimum_time(problem([made.plant], replace(made.problem.maneuver, sample_time=Fraction(repr(step)))))
+    except ManeuverError as refused:
+        why = f"the FMU takes communication steps of {step!r} s only: {refused}"
+        raise StudyError(str(study.file), [Mistake("command", ABSENT, why)]) from None
     if sampled.command is None:
         why = f"the FMU takes communication steps of {step!r} s only: {sampled.reason or sampled.status.value}"
         raise StudyError(str(study.file), [Mistake("command", ABSENT, why)])

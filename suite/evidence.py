@@ -79,6 +79,7 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
             "robustness": dict(study.command.robustness) if isinstance(study.command.robustness, Mapping) else study.command.robustness,
             "kind": study.command.kind,
             "start": float(study.command.start),
+            "sample_time": None if study.limits.sample_time is None else float(study.limits.sample_time),
             "rest": "output" if study.command.tail else "state",
         },
         "bound": bound,

@@ -95,7 +95,7 @@ def support(p: Wave, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
 
 
 def sampled(p: Wave, count: int, step: fmpq, lower: arb, upper: arb) -> arb:
-    """A ball around `Σ_k max(upper ∫_cell p, lower ∫_cell p)` over the first cells of `step`: what inputs constant on them can do at most."""
+    """A ball around `Σ_k max(upper ∫_cell p, lower ∫_cell p)` over cells of `step`: the most that inputs can do, constant on each."""
     total = before = arb(0)
     for k in range(1, count + 1):
         after = p.integral(arb(k * step))

@@ -87,8 +87,13 @@ PAIR = (real, real)
 POLYNOMIAL: list[Any] = [real, 1, MOST_POLES + 1]  # the highest power of s first
 PLANT = {"numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "zeros": counts}
 LENGTH = {"time": real, "within": real}  # seconds after the move, and a fraction
-# … and with a sample time h the input is constant on each [kh, (k+1)h)
-LIMITS = {"input": PAIR, "sample_time": (None, real), "tail_length": (None, LENGTH), "zero_sensitivity": sensitivities}  # the input's are absolute
+# The input's limits are absolute; with a sample time h the input is constant on each [kh, (k+1)h)
+LIMITS = {
+    "input": PAIR,
+    "sample_time": (None, real),
+    "tail_length": (None, LENGTH),
+    "zero_sensitivity": sensitivities,
+}  # the input's are absolute
 # Plants whose coefficients are polynomials in parameters: sums of terms, a number and the power of each parameter. Every plant of the box,
 # the one written (nominal values) among them, may keep a residual of `tolerance` times the displacement.
 TERMS: list[Any] = [(real, [natural, 1, 8]), 0, 1000]
