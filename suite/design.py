@@ -123,9 +123,9 @@ def on_grid(study: Study, made: Design) -> Design:
         if given or asked is not None:
             require_multiples(made.command.breakpoints, step)
             return made
-    except FmuError as problem:
+    except FmuError as trouble:
         place = "command.file" if given else "command.start"
-        why = f"the FMU takes communication steps of one size only, but {problem}"
+        why = f"the FMU takes communication steps of one size only, but {trouble}"
         raise StudyError(str(study.file), [Mistake(place, ABSENT, why)]) from None
     try:
         sampled = minimum_time(problem([made.plant], replace(made.problem.maneuver, sample_time=Fraction(repr(step)))))
