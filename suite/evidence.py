@@ -16,7 +16,7 @@ from relaxations.response import jumps
 from relaxations.sensitivity import residual
 from reports import charts, files, junit, layouts, logs, manifest, pages
 from suite.campaign import RunResult
-from suite.checks import CERTIFICATE, size
+from suite.checks import CERTIFICATE, trusted
 from suite.design import Design, bound_record
 from suite.observations import INPUT, observe
 from suite.quantities import Observation
@@ -38,7 +38,7 @@ UNPROVEN = (
 )
 NO_REQUIREMENT = "The study has no requirement: the command was run and measured, but nothing was judged."
 TRUST_BASE = (
-    "For the bracket: python-flint {flint}, CPython {python}, {lines} lines of checker code that share nothing with what solves.",
+    "For the bracket: python-flint {flint}, CPython {python}, {lines} in the checker, which shares nothing with what solves.",
     "For the runs: the FMU's own binary and its solver, run in a process of its own.",
     "For the verdicts: the numerical error that a finer run shows; NumPy, and the quantities' definitions, which review applies again.",
 )
@@ -128,7 +128,7 @@ def _confinement(study: Study) -> dict[str, Any]:
 
 def _trust_base() -> list[str]:
     flint, python = importlib.metadata.version("python-flint"), platform.python_version()
-    return [line.format(flint=flint, python=python, lines=size()) for line in TRUST_BASE]
+    return [line.format(flint=flint, python=python, lines=trusted()) for line in TRUST_BASE]
 
 
 def environment() -> dict[str, str]:

@@ -41,8 +41,28 @@ def member(box: Any, place: Numbers, which: str, derivative: int | None = None) 
     return found
 
 
+def plants(task: dict[str, Any]) -> list[str]:
+    """In words, from the numbers as they are written: which plants the claim is about."""
+    if not (box := task["box"]):
+        return []
+    ranges = ", ".join(f"{p['name']} in [{p['low']}, {p['high']}] (nominal {p['nominal']})" for p in box["parameters"])
+    heading = f"  and every plant of the box {ranges}; coefficients in terms of these, (factor, powers):"
+    return [heading, *(f"  {which:<12} {box[which]}" for which in ("numerator", "denominator"))]
+
+
+def promises(task: dict[str, Any]) -> list[str]:
+    """In words: what they do after the command."""
+    if not (box := task["box"]):
+        return []
+    allowed = f"at most {box['tolerance']} of the displacement instead of 0"
+    residual = f"  In every plant of the box the residual |y(t) - y(∞)| for t ≥ T is {allowed};"
+    return [residual, "  y(∞) is the target in the nominal plant, and no plant keeps drifting."]
+
+
 def sensible(task: Any) -> None:
-    """Raise `Malformed` unless the box is one, and the plant written is its nominal one."""
+    """Raise `Malformed` unless the box, if there is one, is one, and the plant written is its nominal one."""
+    if task.box is None:
+        return
     box, (plant,), count = task.box, task.plants, len(task.box.parameters)
     require(
         task.rest == "state" and not plant.zeros and task.limits.tail_length is None, "a box belongs to a state rest without further zeros"

@@ -65,8 +65,7 @@ def check(content: bytes) -> Check:
         for bits in BITS:
             flint.ctx.prec = bits
             try:
-                if certificate.task.box is not None:
-                    boxes.sensible(certificate.task)
+                boxes.sensible(certificate.task)
                 posed = system(certificate.task)
                 if claimed.impossible is not None:
                     lower.impossible(posed, claimed.impossible)
@@ -108,17 +107,11 @@ def claim(found: Check) -> str:
         lines += [f"  {name:<12} [{', '.join(plant[name])}]" for name in ("numerator", "denominator")]
         if plant["zeros"]:
             lines.append("  further zeros of the command: " + ", ".join(f"{count} at {name}" for name, count in plant["zeros"].items()))
-    if box := task["box"]:
-        ranges = ", ".join(f"{p['name']} in [{p['low']}, {p['high']}] (nominal {p['nominal']})" for p in box["parameters"])
-        lines.append(f"  and every plant of the box {ranges}; coefficients in terms of these, (factor, powers):")
-        lines += [f"  {which:<12} {box[which]}" for which in ("numerator", "denominator")]
+    lines += boxes.plants(task)
     rest, (low, high), tail = REST[task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
     lines.append(f"Task: from rest at input {task['initial_input']} move the output by {task['displacement']}; {rest}.")
     lines.append(f"Limits: {low} ≤ u(t) ≤ {high} for all t ≥ 0.")
-    if box:
-        allowed = f"at most {box['tolerance']} of the displacement instead of 0"
-        lines.append(f"  In every plant of the box the residual |y(t) - y(∞)| for t ≥ T is {allowed};")
-        lines.append("  y(∞) is the target in the nominal plant, and no plant keeps drifting.")
+    lines += boxes.promises(task)
     if tail:
         where = f"within {tail['within']} of the nearer limit's distance from its final rest value"
         lines.append(f"  From {tail['time']} s after T on, the input stays {where}.")
