@@ -34,7 +34,7 @@ class FmuPlant:
     """An FMU and the start values that the study sets on it; `name` as written in the study.
 
     It settles for `settle` [s] (infinite: until it rests) before anything begins. `linearization` names the linear plant that is asked
-    for, `identification` what of an identification is given.
+    for, `identification` what of an identification is given. `step` is the study's communication step [s], if it asks for one.
     """
 
     name: str
@@ -44,6 +44,7 @@ class FmuPlant:
     settle: float = 0.0
     linearization: Literal["auto", "twin", "derivatives", "differences", "identified"] = "auto"
     identification: Probe | None = None
+    step: float | None = None
 
     @property
     def method(self) -> Literal["auto", "derivatives", "differences", "identified"]:

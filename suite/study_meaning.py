@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
@@ -44,6 +45,8 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
         mistakes += more
     if written.simulation is not None:
         _interface(plant, written.simulation.interface, mistakes)
+        if plant is not None and plant.fmu is not None and written.simulation.step is not None:
+            plant = replace(plant, source=replace(plant.fmu, step=float(written.simulation.step)))
     requirements = tuple(
         _requirement(item, i, plant, names, bool(written.uncertainty), mistakes) for i, item in _items(written.requirement)
     )
