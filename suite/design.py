@@ -16,6 +16,7 @@ from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.plants import box, nominal_plant
+from suite.shaped import Shaped, shaped
 from suite.study import Study
 
 
@@ -32,6 +33,7 @@ class Design:
     command: Command | None
     sampled: Bound | None = None
     step: float | None = None
+    shaped: Shaped | None = None
 
     @property
     def samples(self) -> int | None:
@@ -43,6 +45,8 @@ class Design:
     @property
     def notes(self) -> tuple[str, ...]:
         """What a reader should know about the command."""
+        if self.shaped is not None and self.command is not None:
+            return (self._told_of(self.shaped),)
         if self.sampled is None or self.sampled.upper is None or self.bound.lower <= 0.0:
             return ()
         time, least = self.sampled.upper, round(self.sampled.lower / (self.step or 1.0))
@@ -51,6 +55,20 @@ class Design:
             f"The FMU takes communication steps of {self.step:.9g} s only: the command is one of {self.samples} such samples and takes "
             f"{time:.9g} s, {time - self.bound.lower:.3g} s ({time / self.bound.lower - 1.0:.2%}) more than the lower bound. "
             f"That no command of fewer than {least} samples does is {'proven' if proven else 'computed, not proven'}.",
+        )
+
+    def _told_of(self, shaped: Shaped) -> str:
+        """That the command is another one than the bracket's."""
+        assert self.command is not None
+        time, lower = self.command.maneuver_time, self.bound.lower
+        more = ""
+        if lower > 0.0:
+            more = f", {abs(time / lower - 1.0):.2%} {'more' if time >= lower else 'less'} than the lower bound"
+            more += "" if time >= lower else ", so it cannot leave the linear plant at rest"
+        what = {"step": "a step", "rigid": "the fastest move of the rigid part", "file": "a command file"}[shaped.reference]
+        return (
+            f"The command is {what}, shaped ({shaped.shaping.kind}); it takes {time:.9g} s{more}. It is measured; proven is what stands "
+            "with its shaper, and the bracket, which is about the fastest of all commands."
         )
 
 
@@ -75,17 +93,19 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
 
 
 def design(study: Study) -> Design:
-    """Bracket the study's minimum time and choose the command: the bracket's own, or the one given as a file; begun at `command.start`."""
+    """Bracket the study's minimum time and choose the command, begun at `command.start`: the bracket's own, a shaped one, or a file's."""
     plant = nominal_plant(study)
     posed = pose(study, plant)
     bound = minimum_time(posed)
-    command = study.command.given or bound.command
+    asked = study.command.shaper
+    made = None if asked is None or bound.status is Status.IMPOSSIBLE else shaped(study, asked, plant, posed)
+    command = made.command if made is not None else study.command.given or bound.command
     if command is not None and study.command.start:
         if not command.segments:
             why = "the command is a tail alone, without a segment whose start could be shifted; leave it out"
             raise StudyError(str(study.file), [Mistake("command.start", study.command.start, why)])
         command = command.shifted(float(study.command.start))
-    return Design(plant, posed, bound, command)
+    return Design(plant, posed, bound, command, shaped=made)
 
 
 def grid_step(study: Study) -> float | None:
@@ -116,7 +136,7 @@ def on_grid(study: Study, made: Design) -> Design:
         if samples.denominator != 1:
             why = f"is no multiple of the FMU's communication step, {step!r} s, and it takes steps of that size only"
             raise StudyError(str(study.file), [Mistake("limits.sample_time", asked, why)])
-    given = study.command.kind == "file"
+    given = study.command.kind in ("file", "shaper")
     try:
         if study.command.start:
             require_multiples([float(study.command.start)], step)
@@ -124,7 +144,7 @@ def on_grid(study: Study, made: Design) -> Design:
             require_multiples(made.command.breakpoints, step)
             return made
     except FmuError as trouble:
-        place = "command.file" if given else "command.start"
+        place = f"command.{study.command.kind}" if given else "command.start"
         why = f"the FMU takes communication steps of one size only, but {trouble}"
         raise StudyError(str(study.file), [Mistake(place, ABSENT, why)]) from None
     try:

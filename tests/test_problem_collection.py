@@ -26,7 +26,7 @@ SLEWCERT = Path(sys.executable).with_name("slewcert")
 
 GAP = 1e-12  # relative; a regular optimum is claimed a double below and a double above its duration
 STAIRCASES = {"two_mass_one_switch": 1e-8, "two_mass_sampled": 0.0, "rigid_body_sampled": 0.0}
-"""Degenerate optima: the upper side is a repaired staircase, which goes 1e-9 beyond the minimum time, or ten times that; samples are exact."""
+"""Degenerate optima: the upper side is a repaired staircase, 1e-9 beyond the minimum time or ten times that; samples are exact."""
 
 FACTS = {
     # Known independently of this project: Newton's method in 25 to 30 digits on the switch times (as text, with the digits that are sure) …
