@@ -108,6 +108,8 @@ CUTS = 6  # rounds of cutting planes for the tail's limits
 FLAT = 1e-3  # d log α/d log T below which α says nothing about the time
 NEAR, EARLY = 0.05, 2  # of log α: Newton's method on the switches is tried from there on, so often
 CLOSE, ENERGIES = 1.05, 60  # ratio of the two times that the energy's estimate ends with, and how many it may look at
+ASIDE = 1.02  # how far to one side of the root it looks
+LONGER = 1.08  # than what the energy alone needs: where the first program is solved
 STALLS = 3  # times that the solver may give no answer, in one search
 FARTHEST = 1e6  # times the plant's own time scale: a target that is out of reach until then is called so
 LARGEST_EXPONENT = 600.0  # of e^{pT} for an unstable pole p: a double ends at e^709
@@ -274,7 +276,7 @@ def grid_minimum(
     horizon = first = _first_guess(problem) if growth <= 0.0 else min(_first_guess(problem), 1.0 / growth)
     farthest = FARTHEST * first if growth <= 0.0 else LARGEST_EXPONENT / growth
     short = 0.0 if near else _energy_time(problem, settings, horizon, farthest)
-    horizon = near or min(CLOSE * short, farthest) or horizon
+    horizon = near or min(LONGER * short, farthest) or horizon
     below: programs.GridSolution | None = None
     above: programs.GridSolution | None = None
     count, stalled = 0, 0
@@ -342,12 +344,27 @@ def _exponent(solution: programs.GridSolution) -> float:
 def _energy_time(problem: Problem, settings: Settings, guess: float, farthest: float) -> float:
     """A time [s] that is too short for the command's energy alone, close to the longest such; 0 if there is none. No program is solved."""
     low, high, horizon = 0.0, math.inf, guess
-    for _ in range(ENERGIES):
+    seen: dict[float, float] = {}  # log α there
+    for count in range(ENERGIES):
         most = programs.energy_bound(problem, instants(problem, horizon, settings))
         low, high = (horizon, high) if most < 1.0 else (low, horizon)
         if math.isinf(most) or high <= CLOSE * low or low >= farthest:
             break
-        horizon = min(1.5 * low, farthest) if math.isinf(high) else math.sqrt(low * high) if low else high / 2.0
+        seen[horizon] = math.log(max(most, 1e-300))
+        if not low:
+            horizon = high / 2.0
+        elif len(seen) == 1:
+            horizon = min(1.5 * low, farthest)
+        else:
+            # On logarithms α is nearly straight: to either side of its root in turn, and halfway now and then.
+            one, other = (low, high) if math.isfinite(high) else sorted(seen)[-2:]
+            rise = (seen[other] - seen[one]) / math.log(other / one)
+            root = low * math.exp(min(-seen[low] / rise, 1.0)) if rise > 0.0 else math.inf
+            horizon = root / ASIDE if low < root / CLOSE and math.isfinite(high) else root * ASIDE
+            if math.isinf(high):
+                horizon = min(horizon, 2.0 * low, farthest)
+            elif count % 4 == 3 or not low < horizon < high:
+                horizon = math.sqrt(low * high)
     return low
 
 
