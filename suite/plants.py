@@ -103,6 +103,7 @@ def _linearised(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value]) ->
             initial_state={key: float(x) for key, x in fmu.initial_state.items()},
             initial_input=float(plant.initial_input),
             settle=fmu.settle,
+            step=fmu.step if fmu.archive.description.capabilities.one_step else None,  # others choose what suits the plant
             method=fmu.method,
             probe=fmu.identification,
         )
