@@ -96,7 +96,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
     if problem.residuals is not None:
         problem, chosen = sampled(problem, chosen)
     task = certificates.task(problem)
-    for form in ("face", "remainder", "fuel"):
+    for form in ("face", "remainder", "fuel") if problem.fuel is not None or _rests_on_a_limit(problem) else ():
         content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, None, None)
         if check(content).outcome is Outcome.PROVED:
             nothing = np.zeros(problem.size)
@@ -137,6 +137,13 @@ def _at_ease(problem: Problem, task: dict[str, Any], settings: Settings) -> Boun
         return None
     proof = _prove(problem.eased, task, found, settings)
     return _concluded(task, proof, found, 0.0) if proof.gap <= REGULAR else None
+
+
+def _rests_on_a_limit(problem: Problem) -> bool:
+    """Whether the input at a rest is itself a limit: the criteria of impossibility speak of no other task."""
+    maneuver = problem.maneuver
+    rests = {maneuver.rest, *(maneuver.rest + plant.rest_input(maneuver.displacement) for plant in problem.plants)}
+    return not rests.isdisjoint((maneuver.limits.lower, maneuver.limits.upper))
 
 
 def _concluded(task: dict[str, Any], proof: Proof, found: Bound, seconds: float) -> Bound:
