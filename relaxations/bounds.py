@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from relaxations import programs
 from relaxations.commands import Command, Segment, Tail
+from relaxations.courses import exceeded_places
 from relaxations.duality import Costate, lower_bound
 from relaxations.energy import LONGER, energy_time, first_guess
 from relaxations.errors import ShortHorizonError, SolverError
@@ -150,7 +151,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         upper = None if command is None else command.maneuver_time
         price = dual.price(problem)
         near = dual.maneuver_time if upper is None else upper
-        lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.fuel))
+        lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.fuel, dual.pressed))
         if upper is not None:
             lower = min(lower, upper)
         costate = np.array(dual.problem.modal(dual.costate), dtype=float)
@@ -208,9 +209,14 @@ def first_looks(problem: Problem) -> Looks:
 
 def exceeded(problem: Problem, solution: programs.GridSolution) -> Looks:
     """Where a solution is beyond a limit that was not imposed there."""
+    levels, grid = solution.levels / solution.fraction, solution.program.instants
     if problem.residuals is not None:
-        return Looks(problem.residuals.exceeded(solution.program.instants, solution.levels / solution.fraction), np.zeros(0))
-    return problem.tail.exceeded(solution.tail_coefficients, solution.pull)
+        found = Looks(problem.residuals.exceeded(grid, levels), np.zeros(0))
+    else:
+        found = problem.tail.exceeded(solution.tail_coefficients, solution.pull)
+    if not problem.courses:
+        return found
+    return replace(found, moving=exceeded_places(problem.courses, grid, levels, 1.0 - solution.program.inside / 2.0))
 
 
 def cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:

@@ -15,6 +15,7 @@ import rfc8785
 from numpy.typing import NDArray
 
 from relaxations.boxes import Box, Polynomial
+from relaxations.courses import Press
 from relaxations.maneuvers import Problem
 from relaxations.plants import fraction
 
@@ -53,7 +54,10 @@ def task(problem: Problem) -> dict[str, Any]:
     for plant in problem.plants:
         polynomials = {"numerator": plant.numerators[plant.output], "denominator": plant.denominator}
         written = {name: [text(fraction(c)) for c in reversed(p.coeffs())] for name, p in polynomials.items()}
-        plants.append({**written, "zeros": _zeros(problem)})
+        outputs = {
+            course.name: [text(fraction(c)) for c in reversed(plant.numerators[course.name].coeffs())] for course in problem.courses
+        }
+        plants.append({**written, "outputs": outputs, "zeros": _zeros(problem)})
     return {
         "plants": plants,
         "box": maneuver.box and _box(maneuver.box),
@@ -61,6 +65,7 @@ def task(problem: Problem) -> dict[str, Any]:
         "rest": "output" if maneuver.tail else "state",
         "limits": {
             "input": [text(maneuver.limits.lower), text(maneuver.limits.upper)],
+            "deflection": {course.name: text(maneuver.limits.deflection[course.name]) for course in problem.courses},
             "fuel": None if maneuver.limits.fuel is None else text(maneuver.limits.fuel),
             "sample_time": None if maneuver.sample_time is None else text(maneuver.sample_time),
             "tail_length": length and {"time": text(length[0]), "within": text(length[1])},
@@ -94,10 +99,14 @@ def _zeros(problem: Problem) -> dict[str, int]:
 
 
 def costate_witness(
-    problem: Problem, costate: Numbers, multipliers: Sequence[tuple[Number, Number, Number]] = (), fuel: Number = Fraction(0)
+    problem: Problem,
+    costate: Numbers,
+    multipliers: Sequence[tuple[Number, Number, Number]] = (),
+    fuel: Number = Fraction(0),
+    pressed: Sequence[Press] = (),
 ) -> dict[str, Any]:
     """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole; (instant, μ⁺, μ⁻) of the tail; μ of
-    the fuel."""
+    the fuel; the multipliers of courses."""
     plants, at = [], 0
     for target in problem.sets:
         chains = []
@@ -111,9 +120,11 @@ def costate_witness(
             chains.append({"near": [text(pole.value.real), text(pole.value.imag)], "coefficients": coefficients})
         plants.append(chains)
     written = [{"time": text(time), "upper": text(above), "lower": text(below)} for time, above, below in multipliers]
+    presses = [{"output": p.course.name, "begin": text(p.begin), "end": text(p.end), "weight": text(p.weight)} for p in pressed]
+    others = {"fuel": text(fuel), "deflection": presses}
     residuals = problem.residuals
     if residuals is None:
-        return {"costate": plants, "tail": written, "samples": [], "fuel": text(fuel)}
+        return {"costate": plants, "tail": written, "samples": [], **others}
     looks = np.array([float(time) for time, _, _ in multipliers])
     samples = []
     for k, (sample, since) in enumerate(zip(residuals.samples, residuals.split(looks), strict=True)):
@@ -121,7 +132,7 @@ def costate_witness(
         contacts = [{**pair, "time": text(float(time))} for pair, time in zip(own, since, strict=True)]
         if contacts:
             samples.append({"place": [text(x) for x in sample.place], "residual": contacts})
-    return {"costate": plants or [[]], "tail": [], "samples": samples, "fuel": text(fuel)}
+    return {"costate": plants or [[]], "tail": [], "samples": samples, **others}
 
 
 def tail_chains(problem: Problem, coefficients: Numbers) -> list[dict[str, Any]]:

@@ -10,11 +10,14 @@ Where that is violated no admissible command is as short as T. A budget of fuel 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from relaxations.courses import Press
+from relaxations.courses import sampled as sampled_costate
 from relaxations.maneuvers import Problem
 
 Reals = NDArray[np.float64]
@@ -22,6 +25,7 @@ Reals = NDArray[np.float64]
 SAMPLES_PER_PERIOD = 64  # of each pole, as long as its motion lasts; between two samples p has no more than one extremum then
 MOST_SAMPLES = 200_000  # of one pole
 MOST_STEPS = 120  # of the search for one root: halving alone takes about 60
+POINTS, BEYOND = 20_001, 1.02  # of the grid on which multipliers of courses are integrated, and how far it goes, in times of a guess
 LASTING = 50.0  # time constants after which (or, right of the axis, before which) a mode's share of the costate is rounding
 
 
@@ -127,6 +131,7 @@ class Costate:
     costate: Reals
     maneuver_time: float
     fuel: float = 0.0
+    pressed: tuple[Press, ...] = ()
 
     @property
     def tail_multipliers(self) -> tuple[tuple[float, float, float], ...]:
@@ -139,7 +144,9 @@ class Costate:
         return 0.0
 
 
-def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.0, fuel: float = 0.0) -> float:
+def lower_bound(
+    problem: Problem, costate: Reals, near: float, price: float = 0.0, fuel: float = 0.0, pressed: Sequence[Press] = ()
+) -> float:
     """The largest T_λ near `near` [s] at which (2) is violated beyond rounding, or 0: `λᵀ target - price = ∫_0^T σ(p)` by guarded Newton.
 
     `price` is what the multipliers of all limits but the input's add on the right of (2), `fuel` the one of the fuel itself. With a
@@ -150,6 +157,8 @@ def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.
         return 0.0
     if problem.maneuver.sample_time is not None:
         return _sampled(problem, costate, near, wanted, fuel)
+    if pressed:
+        return pressed_bound(problem, costate, near, wanted, fuel, pressed)
     low, high = 0.0, np.inf
     time, best = near, 0.0
     for _ in range(60):
@@ -172,6 +181,36 @@ def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.
             following = (1.0 - close) * time  # rounding alone keeps (2) from being violated: it does not so a little earlier
         time = following
     return best
+
+
+def pressed_bound(
+    problem: Problem, costate: Reals, near: float, wanted: float, fuel: float, pressed: Sequence[Press]
+) -> float:
+    """The same where multipliers of courses are in p, from its values on a fine grid: Simpson's rule, but for cells with a change of sign."""
+    modal = np.array([float(value) for value in problem.modal(costate)])
+    bases = [own.basis for own in problem.sets]
+    parts = np.split(modal, np.cumsum([basis.size for basis in bases])[:-1])
+    edges = np.union1d(np.linspace(0.0, BEYOND * near, POINTS), [edge for press in pressed for edge in (press.begin, press.end)])
+    edges = edges[edges <= BEYOND * near]
+    points = np.sort(np.concatenate([edges, (edges[1:] + edges[:-1]) / 2]))
+    p = sampled_costate(bases, parts, pressed, points)
+    total = np.concatenate([[0.0], np.cumsum(_cells(problem, p, np.diff(edges), fuel))])
+    if total[-1] < wanted:
+        return float(edges[-1])
+    return float(np.interp(wanted, total, edges))
+
+
+def _cells(problem: Problem, p: Reals, widths: Reals, fuel: float) -> Reals:
+    """The integral of σ(p) over each cell, of p at both ends and in the middle."""
+    total = np.zeros(len(widths))
+    for level, limit in ((fuel, problem.upper), (-fuel, problem.lower)):
+        q = limit * (p - level)
+        a, m, b = q[:-2:2], q[1:-1:2], q[2::2]
+        simpson = np.maximum(a + 4 * m + b, 0.0) / 6
+        with np.errstate(divide="ignore", invalid="ignore"):
+            triangle = np.nan_to_num(np.maximum(a, b) ** 2 / (2 * np.abs(a - b)))
+        total += widths * np.where(a * b < 0, triangle, simpson)
+    return total
 
 
 def _sampled(problem: Problem, costate: Reals, near: float, wanted: float, fuel: float) -> float:

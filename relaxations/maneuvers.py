@@ -12,13 +12,15 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import numpy as np
+from flint import fmpq
 from numpy.typing import NDArray
 
 from relaxations.boxes import Box, Residuals, Sample
+from relaxations.courses import Course
 from relaxations.errors import ManeuverError
 from relaxations.frames import Frame
 from relaxations.moments import Basis
-from relaxations.plants import Exact, LinearPlant, Pole, exact, roots
+from relaxations.plants import Exact, LinearPlant, Pole, exact, fraction, roots
 from relaxations.tails import TailLength, TailSpace, caps, tail_columns
 
 Reals = NDArray[np.float64]
@@ -26,16 +28,19 @@ Reals = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits `lower ≤ u(t) ≤ upper`, absolute, input units, exact; and, where given, `∫_0^T |u - u_0| dt ≤ fuel` (input units · s)."""
+    """Limits `lower ≤ u(t) ≤ upper`, absolute, input units, exact; where given, `∫_0^T |u - u_0| dt ≤ fuel` (input units · s), and by how
+    much each of these named outputs may leave its first rest value, ever (output units)."""
 
     lower: Fraction
     upper: Fraction
     fuel: Fraction | None = None
+    deflection: Mapping[str, Fraction] = field(default_factory=dict)
 
     @staticmethod
-    def of(lower: Exact, upper: Exact, fuel: Exact | None = None) -> Limits:
+    def of(lower: Exact, upper: Exact, fuel: Exact | None = None, deflection: Mapping[str, Exact] | None = None) -> Limits:
         """From numbers as written; raises `ManeuverError` if they are not ascending."""
-        limits = Limits(exact(lower), exact(upper), None if fuel is None else exact(fuel))
+        deflections = {name: exact(limit) for name, limit in (deflection or {}).items()}
+        limits = Limits(exact(lower), exact(upper), None if fuel is None else exact(fuel), deflections)
         if not limits.lower < limits.upper:
             raise ManeuverError(f"limits ascend: [{float(limits.lower)!r}, {float(limits.upper)!r}] leaves the input no room")
         return limits
@@ -89,6 +94,7 @@ class Problem:
     tail: TailSpace
     rest: float = 0.0
     fuel: float | None = None
+    courses: tuple[Course, ...] = ()
     residuals: Residuals | None = None
     notes: tuple[str, ...] = field(default=())
     frame: Frame | None = None
@@ -96,12 +102,12 @@ class Problem:
     @property
     def bang_bang(self) -> bool:
         """Whether the input's limits alone shape the command: it is then on one of them nearly everywhere."""
-        return self.residuals is None and self.fuel is None
+        return self.residuals is None and self.fuel is None and not self.courses
 
     @property
     def eased(self) -> Problem:
         """The same without the limits that a bang-bang command may happen to respect."""
-        return replace(self, fuel=None)
+        return replace(self, fuel=None, courses=())
 
     @property
     def size(self) -> int:
@@ -238,6 +244,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         tail,
         float(maneuver.rest),
         None if fuel is None else float(fuel),
+        _courses(plants, maneuver),
         residuals,
         (*(note for plant in plants for note in plant.notes), *sampling),
     )
@@ -261,6 +268,29 @@ def _sampling(plants: Sequence[LinearPlant], maneuver: Maneuver) -> list[str]:
         for half in sorted(halves)
         if step > half
     ]
+
+
+def _courses(plants: Sequence[LinearPlant], maneuver: Maneuver) -> tuple[Course, ...]:
+    """The outputs whose deflection is limited; raises `ManeuverError` for one that may not be."""
+    found = []
+    if maneuver.limits.deflection and (maneuver.tail or maneuver.box is not None or maneuver.sample_time is not None):
+        raise ManeuverError("deflection limits are a matter of a state rest: no tail, no box, no sample time with them")
+    for name, limit in maneuver.limits.deflection.items():
+        for plant in plants:
+            if name not in plant.numerators:
+                raise ManeuverError(f"a deflection limit names {name!r}; the plant has {', '.join(sorted(plant.numerators))}")
+            if not limit > 0:
+                raise ManeuverError(f"the deflection of {name!r} may be more than 0, not {float(limit)!r}")
+            numerator = plant.numerators[name]
+            if not numerator:
+                continue  # the input does not reach it
+            if numerator.degree() == plant.order:
+                raise ManeuverError(f"the output {name!r} has feed-through: it jumps with the input, whose limits are its own")
+            final = fraction(numerator(fmpq(0)) / plant.numerators[plant.output](fmpq(0))) * maneuver.displacement
+            if abs(final) > limit:
+                raise ManeuverError(f"at its final rest {name!r} deviates by {float(final):.10g}: no command stays within {float(limit)!r}")
+            found.append(Course.of(plant, name, float(limit), float(final)))
+    return tuple(found)
 
 
 def _boxed(plants: Sequence[LinearPlant], maneuver: Maneuver, box: Box, hold: float) -> tuple[tuple[TargetSet, ...], Residuals]:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from relaxations.boxes import Residuals
 from relaxations.conditioning import framed
+from relaxations.courses import Motion, Press, motion, presses
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.maneuvers import Problem
 from relaxations.tails import Looks, moduli
@@ -57,7 +58,9 @@ class GridProgram:
     `instants` (N + 1,) of the grid [s] from 0 to the maneuver time, `rows` (m, N) orthonormal, `target` (m,), `basis_change` R with
     rows = R^{-T} · table, limits in input units; of the tail `columns` (m, n) in the same rows, and its limits `shapes` (k, n) with the
     room `above` and `below` (k,): at the instants `looks` [s] after the move first, then the faces of its caps, of these `bounds` at the
-    places `capped` of its coefficients.
+    places `capped` of its coefficients. The courses of the move (`motion`) are limited
+    to 1 on either side of zero at α = 1, where they come to rest at `finals`, and to what is left of that beside `α finals` else. All limits
+    but the input's are tightened by the fraction `inside`.
     """
 
     problem: Problem
@@ -74,6 +77,8 @@ class GridProgram:
     below: Reals
     bounds: Reals
     capped: tuple[tuple[int, ...], ...]
+    motion: Motion | None = None
+    inside: float = 0.0
 
     @property
     def maneuver_time(self) -> float:
@@ -100,6 +105,7 @@ class GridSolution:
     pull: Reals
     status: str
     fuel: float = 0.0
+    pressed: tuple[Press, ...] = ()
 
     @property
     def problem(self) -> Problem:
@@ -123,8 +129,9 @@ class GridSolution:
         return tuple((float(t), float(above), float(below)) for t, above, below in triples if above > 0.0 or below > 0.0)
 
     def price(self, problem: Problem) -> float:
-        """`Σ μ⁺ above + Σ μ⁻ below + Σ |pull_k| cap_k`, what the tail's limits take off the costate's target; and that of the fuel."""
-        return _price(self.program, self.mu_above, self.mu_below, self.pull) + self.fuel * (problem.fuel or 0.0)
+        """`Σ μ⁺ above + Σ μ⁻ below + Σ |pull_k| cap_k`, what the tail's limits take off the costate's target; that of fuel and courses."""
+        others = self.fuel * (problem.fuel or 0.0) + sum(abs(press.weight) * press.course.limit for press in self.pressed)
+        return _price(self.program, self.mu_above, self.mu_below, self.pull) + others
 
     @property
     def residual(self) -> float:
@@ -164,13 +171,15 @@ def build(problem: Problem, instants: Reals, looks: Looks | None = None, inside:
     target: Reals = np.linalg.solve(change.T, problem.target).astype(np.float64)
     columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
     moves = problem, instants, orthonormal.T, target, change, problem.lower, problem.upper, columns
+    extra = looks.moving if looks else np.zeros((0, 2))
+    bent = motion(problem.courses, instants, extra) if problem.courses else None, inside
     if problem.residuals is not None:
-        return _with_residuals(GridProgram(*moves, *_NO_LIMITS), problem.residuals, looks, inside)
+        return _with_residuals(GridProgram(*moves, *_NO_LIMITS, *bent), problem.residuals, looks, inside)
     tail = problem.tail
     at, (faces, room) = looks or tail.looks(), tail.faces((looks or tail.looks()).turns)
     above, below = (np.concatenate([side, room]) * (1.0 - inside) for side in tail.room(at.instants))
     shapes, bounds = np.vstack([tail.rows(at.instants), faces]), np.array([cap.bound for cap in tail.caps]) * (1.0 - inside)
-    return GridProgram(*moves, at.instants, shapes, above, below, bounds, tuple(cap.at for cap in tail.caps))
+    return GridProgram(*moves, at.instants, shapes, above, below, bounds, tuple(cap.at for cap in tail.caps), *bent)
 
 
 def energy_bound(problem: Problem, instants: Reals) -> float:
@@ -234,6 +243,11 @@ def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | N
 @lru_cache(maxsize=16)
 def _compiled(size: int, cells: int, coefficients: int, looks: int, budget: bool) -> dict[str, Any]:
     """The parametrised cvxpy problem of one shape, compiled once (a re-solve then costs a tenth)."""
+    return _stated(size, cells, coefficients, looks, budget)
+
+
+def _stated(size: int, cells: int, coefficients: int, looks: int, budget: bool, motion: Motion | None = None) -> dict[str, Any]:
+    """The cvxpy problem of one shape, by the names of its parameters, variables and constraints; courses are constants in it."""
     import cvxpy as cp
 
     named: dict[str, Any] = {"rows": cp.Parameter((size, cells)), "target": cp.Parameter(size)}
@@ -255,6 +269,13 @@ def _compiled(size: int, cells: int, coefficients: int, looks: int, budget: bool
         shape = named["shapes"] @ named["tail"]
         named |= {"ceiling": shape <= fraction * named["above"], "floor": -shape <= fraction * named["below"]}
         limits += [named["ceiling"], named["floor"]]
+    if motion is not None:
+        count, past = motion.states.shape
+        named |= {"half": cp.Parameter(), "risen": cp.Parameter(count), "over": cp.Parameter(count), "under": cp.Parameter(count)}
+        moments = cp.Variable(past)
+        course = named["half"] * (motion.bends @ levels + motion.states @ moments) - fraction * named["risen"]
+        named |= {"bent": course <= named["over"], "unbent": -course <= named["under"]}
+        limits += [named["bent"], named["unbent"], motion.flow @ levels + motion.past @ moments == 0.0]
     named["reach"] = named["rows"] @ levels == landed
     named["problem"] = cp.Problem(cp.Maximize(fraction), [named["reach"], *limits])
     return named
@@ -266,7 +287,8 @@ def solve(program: GridProgram) -> GridSolution:
     from cvxpy.error import SolverError as NotSolvedError
 
     (looks, coefficients), cells, fuel = program.shapes.shape, program.rows.shape[1], program.problem.fuel
-    compiled = _compiled(*program.rows.shape, coefficients, looks if coefficients else 0, fuel is not None)
+    shape, motion = (*program.rows.shape, coefficients, looks if coefficients else 0, fuel is not None), program.motion
+    compiled = _compiled(*shape) if motion is None else _stated(*shape, motion)
     # Levels are measured in half the actuator's range, the target in its own length, a tail coefficient in what fills that range: every
     # number is then of order one.
     half = (program.upper - program.lower) / 2
@@ -281,12 +303,16 @@ def solve(program: GridProgram) -> GridSolution:
     width = program.maneuver_time / cells
     if fuel is not None:
         values |= {"widths": np.diff(program.instants) / width, "fuel": fuel / (half * width)}
+    if motion is not None:
+        most = 1.0 - program.inside
+        values |= {"half": half, "risen": half / length * motion.finals}
+        values |= {"over": np.maximum(most - motion.finals, 0.0), "under": np.maximum(most + motion.finals, 0.0)}
     for name, value in values.items():
         compiled[name].value = value
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # "solution may be inaccurate": judged below, by what is used of it
         try:
-            compiled["problem"].solve(solver=cp.CLARABEL, **SETTINGS)
+            compiled["problem"].solve(solver=cp.CLARABEL, ignore_dpp=motion is not None, **SETTINGS)
         except NotSolvedError as problem:
             raise SolverError(f"Clarabel found nothing at T = {program.maneuver_time!r} s: {problem}") from None
     status = str(compiled["problem"].status)
@@ -303,7 +329,9 @@ def solve(program: GridProgram) -> GridSolution:
     )
     k = len(program.looks)
     pull = program.columns.T @ multiplier + program.shapes[:k].T @ (prices[0] - prices[1])[:k]
-    scale = float(multiplier @ program.target) - _price(program, prices[0], prices[1], pull)
+    pressed = _multipliers(program, compiled, half)
+    risen = sum(press.weight * press.course.final for press in pressed)
+    scale = float(multiplier @ program.target) - _price(program, prices[0], prices[1], pull) - risen
     if scale <= 0.0:
         raise SolverError(f"the multipliers at T = {program.maneuver_time!r} s vanish on the target")
     return GridSolution(
@@ -317,7 +345,18 @@ def solve(program: GridProgram) -> GridSolution:
         pull / scale,
         status,
         0.0 if fuel is None else max(float(compiled["budget"].dual_value), 0.0) / (width * scale),
+        tuple(replace(press, weight=press.weight / scale) for press in pressed),
     )
+
+
+def _multipliers(program: GridProgram, compiled: dict[str, Any], unit: float) -> tuple[Press, ...]:
+    """The multipliers of the courses' limits: of rows that are divided by the limit, for levels in that unit."""
+    if program.motion is None:
+        return ()
+    courses, places = program.problem.courses, program.motion.places
+    limits = np.array([courses[int(number)].limit for number in places[:, 0]])
+    weights = np.maximum(compiled["bent"].dual_value, 0.0) - np.maximum(compiled["unbent"].dual_value, 0.0)
+    return presses(courses, places, unit * weights / limits, program.instants)
 
 
 @dataclass(frozen=True, slots=True)

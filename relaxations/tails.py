@@ -7,7 +7,7 @@ l below their multiplicity. Its real coefficients (one for a real zero, two for 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from math import comb, factorial
 
@@ -51,17 +51,22 @@ class Cap:
 
 @dataclass(frozen=True, slots=True)
 class Looks:
-    """Where a program imposes the limits of a tail: at instants [s] after the move, and on its complex caps in directions [rad]."""
+    """Where a program imposes the limits of a tail: at instants [s] after the move, and on its complex caps in directions [rad].
+
+    And those of the courses of the move, at places (number of the course, fraction of the move): shape (k, 2).
+    """
 
     instants: Reals
     turns: Reals
+    moving: Reals = field(default_factory=lambda: np.zeros((0, 2)))
 
     def __or__(self, more: Looks) -> Looks:
         """Both of them."""
-        return Looks(np.union1d(self.instants, more.instants), np.union1d(self.turns, more.turns))
+        moving = np.unique(np.concatenate([self.moving, more.moving]), axis=0)
+        return Looks(np.union1d(self.instants, more.instants), np.union1d(self.turns, more.turns), moving)
 
     def __bool__(self) -> bool:
-        return bool(len(self.instants) or len(self.turns))
+        return bool(len(self.instants) or len(self.turns) or len(self.moving))
 
 
 @dataclass(frozen=True, slots=True)

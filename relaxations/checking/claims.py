@@ -12,7 +12,7 @@ from typing import Any
 import flint
 from flint import fmpq
 
-from relaxations.checking import boxes, lower, upper
+from relaxations.checking import boxes, courses, lower, upper
 from relaxations.checking.balls import system, work
 from relaxations.checking.reading import Malformed, Refuted, Undecided, read
 
@@ -66,6 +66,7 @@ def check(content: bytes) -> Check:
             flint.ctx.prec = bits
             try:
                 boxes.sensible(certificate.task)
+                courses.sensible(certificate.task)
                 posed = system(certificate.task)
                 if claimed.impossible is not None:
                     lower.impossible(posed, claimed.impossible)
@@ -113,6 +114,8 @@ def claim(found: Check) -> str:
     lines.append(f"Limits: {low} ≤ u(t) ≤ {high} for all t ≥ 0.")
     if fuel := task["limits"]["fuel"]:
         lines.append(f"  The fuel ∫|u(t) - {task['initial_input']}| dt of the move, from 0 to T, is at most {fuel}.")
+    for name, limit in task["limits"]["deflection"].items():
+        lines.append(f"  The output {name} never leaves its first rest value by more than {limit}; its numerator: {task['plants'][0]['outputs'][name]}.")
     lines += boxes.promises(task)
     who = "no measurable command within the limits"
     if step := task["limits"]["sample_time"]:

@@ -21,7 +21,7 @@ from typing import Any
 import flint
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes
+from relaxations.checking import boxes, courses
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -126,6 +126,7 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     numbers, price = costate(system, witness)
     roots, others, relief = boxes.relaxed(system, witness.samples)
     price += arb(witness.fuel * (system.task.limits.fuel or 0))
+    price += sum((arb(abs(press.weight) * system.task.limits.deflection[press.output]) for press in witness.deflection), arb(0))
     gain = sum((a * b for a, b in zip(numbers.entries(), system.target.entries(), strict=True)), relief - price)
     if gain <= 0:
         raise Refuted("the lower bound's inequality (2) is false for this costate, whatever the time")
@@ -148,8 +149,15 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         if least > gain and count <= MOST_CELLS:
             raise Refuted("the lower bound's inequality (2) is false for this costate at the time that is claimed")
         raise Undecided("the lower bound's inequality (2) is undecided at this precision")
-    if sum((support(q, end.upper(), low, high, fine) for q, low, high in terms), arb(0)) < gain:
+
+    def most(horizon: arb) -> arb:
+        """The right side of (2) but for the prices of limits: over the pieces of p, if multipliers of outputs make pieces of it."""
+        waves = courses.pressed(system, numbers.entries(), witness.deflection, horizon) if witness.deflection else [(horizon, p)]
+        each = ((length, *part) for length, wave in waves for part in parts(system, wave, witness.fuel))
+        return sum((support(q, length, low, high, fine) for length, q, low, high in each), arb(0))
+
+    if most(end.upper()) < gain:
         return
-    if sum((support(q, end.lower(), low, high, fine) for q, low, high in terms), arb(0)) > gain:
+    if most(end.lower()) > gain:
         raise Refuted("the lower bound's inequality (2) is false for this costate at the time that is claimed")
     raise Undecided("the lower bound's inequality (2) is undecided at this precision")

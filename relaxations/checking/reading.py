@@ -11,7 +11,7 @@ from typing import Any
 from flint import fmpq, fmpz
 
 LARGEST_FILE, LONGEST_NUMBER, LARGEST_EXPONENT = 16 * 2**20, 2000, 1100
-MOST_POLES, MOST_SEGMENTS, MOST_CONTACTS, MOST_ZEROS = 200, 100_000, 10_000, 20
+MOST_POLES, MOST_SEGMENTS, MOST_CONTACTS, MOST_ZEROS, MOST_OUTPUTS = 200, 100_000, 10_000, 20, 50
 
 _DECIMAL = re.compile(r"(?!-0$)-?(0|[1-9][0-9]*)(\.[0-9]*[1-9])?")
 _RATIO = re.compile(r"(-?[1-9][0-9]*)/([1-9][0-9]*)")
@@ -81,16 +81,29 @@ def sensitivities(data: Any, where: str) -> dict[str, tuple[fmpq, fmpq]]:
     return {name: (pair.shift, pair.residual) for name, pair in pairs.items()}
 
 
+def deflections(data: Any, where: str) -> dict[str, fmpq]:
+    """By how much outputs may deviate, by their names."""
+    require(isinstance(data, dict) and len(data) <= MOST_OUTPUTS, f"{where} names at most {MOST_OUTPUTS} outputs")
+    return {name(key, where): real(value, f"{where}.{key}") for key, value in data.items()}
+
+
+def numerators(data: Any, where: str) -> dict[str, tuple[fmpq, ...]]:
+    """Numerators by the names of outputs."""
+    require(isinstance(data, dict) and len(data) <= MOST_OUTPUTS, f"{where} names at most {MOST_OUTPUTS} outputs")
+    return {name(key, where): shaped(value, POLYNOMIAL, f"{where}.{key}") for key, value in data.items()}
+
+
 # A dictionary is an object of exactly these members, a tuple an array of such items, a list (item, least, most) an array of so many such
 # items, a set a choice; a pair with None may be null.
 PAIR = (real, real)
 POLYNOMIAL: list[Any] = [real, 1, MOST_POLES + 1]  # the highest power of s first
-PLANT = {"numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "zeros": counts}
+PLANT = {"numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "outputs": numerators, "zeros": counts}
 LENGTH = {"time": real, "within": real}  # seconds after the move, and a fraction
 # The input's limits are absolute; fuel is what the move may use; with a sample time h the input is constant on each [kh, (k+1)h)
 LIMITS = {
     "input": PAIR,
     "fuel": (None, real),
+    "deflection": deflections,
     "sample_time": (None, real),
     "tail_length": (None, LENGTH),
     "zero_sensitivity": sensitivities,
@@ -114,8 +127,9 @@ CHAINS: list[Any] = [{"near": PAIR, "coefficients": [PAIR, 0, MOST_POLES]}, 0, M
 # a costate for each plant, and the multipliers μ⁺ and μ⁻ of the tail's limits so many seconds after the move
 CONTACTS: list[Any] = [{"time": real, "upper": real, "lower": real}, 0, MOST_CONTACTS]
 # … and of the residuals of plants at places in the box, and the one of the fuel
+PRESSES: list[Any] = [{"output": name, "begin": real, "end": real, "weight": real}, 0, MOST_CONTACTS]
 SAMPLES: list[Any] = [{"place": [real, 1, 8], "residual": CONTACTS}, 0, 1000]
-LOWER = {"costate": [CHAINS, 1, 1], "tail": CONTACTS, "samples": SAMPLES, "fuel": real}
+LOWER = {"costate": [CHAINS, 1, 1], "tail": CONTACTS, "samples": SAMPLES, "fuel": real, "deflection": PRESSES}
 # A command near an exact solution: absolute levels from their starts on, then a tail. `free` names its unknowns, each within `radius` of
 # what is written: ["time", 0, 0], ["start" or "level", i, 0] of segment i, ["re" or "im", i, k] of coefficient k of the tail's chain i.
 SEGMENTS = [{"start": real, "level": real}, 0, MOST_SEGMENTS]
@@ -171,6 +185,9 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     )
     require(task.box is not None or not lower or not lower.samples, "samples of a box that the task does not have")
     require(task.limits.fuel is None or task.limits.fuel > 0, "a budget of fuel is more than 0")
+    for press in lower.deflection if lower else ():
+        require(press.output in task.limits.deflection, f"a multiplier of the output {press.output}, which is not limited")
+        require(0 <= press.begin <= press.end, "the multiplier of an output acts over times to go from 0 on, that ascend")
     fine = not lower or lower.fuel == 0 or (task.limits.fuel is not None and lower.fuel > 0)
     require(fine, "the multiplier of the fuel is not negative, and belongs to a budget")
     if upper:

@@ -13,7 +13,7 @@ from typing import Any
 
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes
+from relaxations.checking import boxes, courses
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -178,6 +178,7 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         instants = [*command[1 : n + 1], command[0]]
         burnt = (abs(arb(level)) * arb(b - a) for level, (a, b) in zip(command[n + 1 : 2 * n + 1], pairwise(instants), strict=True))
         at_most(sum(burnt, arb(0)), system.task.limits.fuel, "the move uses no more fuel than there is")
+    courses.prove(system, n, command)
     tail_limits(system, n, command)
     for places, cap in system.capped:
         at_most(abs(acb(*(arb(command[2 * n + 1 + place]) for place in places))), cap, "the tail is insensitive to a zero's place")
