@@ -74,7 +74,7 @@ class Instance2(Instance):
         self._keep = logger, c  # the FMU calls them as long as it lives
         pointers = (ctypes.cast(f, c_void_p) for f in (logger, c.calloc, c.free))
         self._callbacks = _Callbacks2(*pointers, None, None)
-        format_messages(self._callbacks)
+        format_messages(self._callbacks, logger)
         function = self.function("Instantiate", restype=c_void_p)
         kind = 1 if interface == "co_simulation" else 0
         uri = self.resources.as_uri().encode()
