@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from decimal import ROUND_CEILING, ROUND_FLOOR
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from suite.review import Review
     from suite.shaping import Shaping
     from suite.simulation import Simulated
+    from suite.tables import Table as DisplacementTable
 
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
 MOST_VARIABLES = 100  # rows of a table on a terminal; FMUs have up to 100,000
@@ -174,6 +176,25 @@ def show_collection(table: Sequence[Bracketed]) -> None:
     console.print(shown)
     proved = sum(done.design.bound.status.name != "BRACKETED" for done in table)
     console.print(f"{len(table)} studies, {proved} proven")
+
+
+def show_table(done: DisplacementTable, exports: Sequence[Path]) -> None:
+    """One row a displacement, and what was written."""
+    console, unit = _out(), done.study.plant.output_unit
+    shown = Table()
+    for heading in (f"displacement [{unit or '–'}]", "switches", "lower [s]", "upper [s]", "gap", "status", "ms"):
+        shown.add_column(escape(heading), justify="left" if heading == "status" else "right")
+    for row in done.rows:
+        bound = row.bound
+        impossible = bound.status.name == "IMPOSSIBLE"
+        sides = ("–", "–") if impossible else (outward(bound.lower, ROUND_FLOOR), outward(bound.upper, ROUND_CEILING))
+        gap = "–" if impossible or bound.gap is None else f"{bound.gap:.1e}"
+        switches = "–" if bound.switches is None else str(bound.switches)
+        shown.add_row(f"{float(row.displacement):.10g}", switches, *sides, gap, bound.status.name.lower(), f"{1000 * bound.seconds:.0f}")
+    console.print(shown)
+    console.print(f"{len(done.rows)} displacements, {done.proven} proven on both sides, {done.seconds:.1f} s")
+    for path in exports:
+        console.print(f"written: {escape(str(path))}", soft_wrap=True)
 
 
 def _show_bracket(console: Console, bound: Mapping[str, Any]) -> None:
