@@ -176,9 +176,11 @@ def _task(results: Mapping[str, Any]) -> dict[str, str]:
     given, taken = plant["input"], plant["output"]
     low, high = (formatting.number(x) for x in task["input_limits"])
     rest = {"state": "at rest in every state", "output": "output at rest, the input may still decay"}
+    sampled = {"Sample time": formatting.with_unit(formatting.number(task["sample_time"]), "s")} if task.get("sample_time") else {}
     return {
         "Move": f"{taken['name']} by {formatting.with_unit(formatting.number(task['displacement']), taken['unit'])}, rest to rest",
         "Input limits": f"{given['name']} from {low} to {formatting.with_unit(high, given['unit'])}",
+        **sampled,
         "At rest": rest.get(task["rest"], str(task["rest"])),
         "Robustness": "as far as the shaper goes" if results.get("shaper") else _robustness(task["robustness"]),
     }

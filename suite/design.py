@@ -10,11 +10,10 @@ from fmus.errors import FmuError
 from fmus.stepping import require_multiples
 from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
-from relaxations.errors import ManeuverError, SolverError
+from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
-from relaxations.sampling import Sampled, sampled_minimum
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.plants import box, nominal_plant
 from suite.shaped import Shaped, shaped
@@ -25,28 +24,37 @@ from suite.study import Study
 class Design:
     """What a study comes to: the linear plant, the problem it poses, the bracket, and the command (None if none was found).
 
-    `sampled` is where the command comes from if the FMU's step size forces it onto a grid.
+    `sampled` is where the command comes from if the FMU's step size forces it onto a grid: the bracket of such commands, of `step` [s].
     """
 
     plant: LinearPlant
     problem: Problem
     bound: Bound
     command: Command | None
-    sampled: Sampled | None = None
+    sampled: Bound | None = None
+    step: float | None = None
     shaped: Shaped | None = None
+
+    @property
+    def samples(self) -> int | None:
+        """How many steps the command on the FMU's grid takes."""
+        if self.sampled is None or self.sampled.upper is None or self.step is None:
+            return None
+        return round(self.sampled.upper / self.step)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What a reader should know about the command."""
         if self.shaped is not None and self.command is not None:
             return (self._told_of(self.shaped),)
-        if self.sampled is None or self.bound.lower <= 0.0:
+        if self.sampled is None or self.sampled.upper is None or self.bound.lower <= 0.0:
             return ()
-        found, time = self.sampled, self.sampled.command.maneuver_time
+        time, least = self.sampled.upper, round(self.sampled.lower / (self.step or 1.0))
+        proven = self.sampled.status is Status.PROVED
         return (
-            f"The FMU takes communication steps of {found.step:.9g} s only: the command is one of {found.samples} such samples and takes "
+            f"The FMU takes communication steps of {self.step:.9g} s only: the command is one of {self.samples} such samples and takes "
             f"{time:.9g} s, {time - self.bound.lower:.3g} s ({time / self.bound.lower - 1.0:.2%}) more than the lower bound. "
-            "That no fewer samples do is computed, not proven.",
+            f"That no command of fewer than {least} samples does is {'proven' if proven else 'computed, not proven'}.",
         )
 
     def _told_of(self, shaped: Shaped) -> str:
@@ -76,6 +84,7 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
         None if length is None else (Fraction(length[0]), Fraction(length[1])),
         {name: (Fraction(shift), Fraction(residual)) for name, (shift, residual) in study.limits.zero_sensitivity.items()},
         box=box(study) if robust == "box" else None,
+        sample_time=None if study.limits.sample_time is None else Fraction(study.limits.sample_time),
     )
     try:
         return problem([plant], maneuver)
@@ -119,26 +128,34 @@ def on_grid(study: Study, made: Design) -> Design:
 
     Raises `StudyError` if there is none, or if the command that was given is not on the grid.
     """
-    step = grid_step(study)
+    step, asked = grid_step(study), study.limits.sample_time
     if step is None or made.command is None:
         return made
+    if asked is not None:
+        samples = Fraction(asked) / Fraction(repr(step))
+        if samples.denominator != 1:
+            why = f"is no multiple of the FMU's communication step, {step!r} s, and it takes steps of that size only"
+            raise StudyError(str(study.file), [Mistake("limits.sample_time", asked, why)])
     given = study.command.kind in ("file", "shaper")
     try:
         if study.command.start:
             require_multiples([float(study.command.start)], step)
-        if given:
+        if given or asked is not None:
             require_multiples(made.command.breakpoints, step)
             return made
-    except FmuError as problem:
+    except FmuError as trouble:
         place = f"command.{study.command.kind}" if given else "command.start"
-        why = f"the FMU takes communication steps of one size only, but {problem}"
+        why = f"the FMU takes communication steps of one size only, but {trouble}"
         raise StudyError(str(study.file), [Mistake(place, ABSENT, why)]) from None
     try:
-        sampled = sampled_minimum(made.problem, step, made.bound.lower)
-    except SolverError as problem:
-        why = f"the FMU takes communication steps of {step!r} s only: {problem}"
+        sampled = minimum_time(problem([made.plant], replace(made.problem.maneuver, sample_time=Fraction(repr(step)))))
+    except ManeuverError as refused:
+        why = f"the FMU takes communication steps of {step!r} s only: {refused}"
         raise StudyError(str(study.file), [Mistake("command", ABSENT, why)]) from None
-    return replace(made, command=sampled.command.shifted(float(study.command.start)), sampled=sampled)
+    if sampled.command is None:
+        why = f"the FMU takes communication steps of {step!r} s only: {sampled.reason or sampled.status.value}"
+        raise StudyError(str(study.file), [Mistake("command", ABSENT, why)])
+    return replace(made, command=sampled.command.shifted(float(study.command.start)), sampled=sampled, step=step)
 
 
 def bound_record(bound: Bound, command: Command | None, rest: float, certificate: str | None = None) -> dict[str, object]:

@@ -53,7 +53,7 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
     uncertainties = tuple(_uncertainty(item, i, names, mistakes) for i, item in _items(written.uncertainty))
     command = _command(written.command, file.parent, mistakes) if written.command else None
     if command is not None and command.given is not None and written.command is not None and written.limits is not None:
-        _within(command.given, written.command.file, written.limits.input, mistakes)
+        _within(command.given, written.command.file, written.limits, mistakes)
     if plant is not None and written.maneuver is not None and written.limits is not None:
         _task(plant, written.maneuver.displacement, written.limits.input, mistakes)
         _box(plant, [(i, axis) for i, axis in enumerate(uncertainties, 1) if axis is not None], mistakes)
@@ -70,7 +70,9 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
         source=source,
         plant=plant,
         maneuver=Maneuver(written.maneuver.displacement),
-        limits=Limits(*written.limits.input, None if length is None else (length.time, length.within), sensitivity),
+        limits=Limits(
+            *written.limits.input, None if length is None else (length.time, length.within), sensitivity, written.limits.sample_time
+        ),
         command=command,
         simulation=_simulation(written.simulation),
         uncertainties=tuple(axis for axis in uncertainties if axis is not None),
@@ -145,9 +147,15 @@ def _command(written: schema.Command, folder: Path, mistakes: list[Mistake]) -> 
     return CommandRequest("time-optimal", written.robustness or 0, bool(written.tail), tolerance, start)
 
 
-def _within(command: Command, file: str | None, limits: tuple[Decimal, Decimal], mistakes: list[Mistake]) -> None:
+def _within(command: Command, file: str | None, limits: schema.Limits, mistakes: list[Mistake]) -> None:
     """A command that was given respects the limits too, up to the rounding of its own numbers."""
-    lower, upper = map(float, limits)
+    lower, upper = map(float, limits.input)
+    if limits.sample_time is not None:
+        step = float(limits.sample_time)
+        off = [at for at in command.breakpoints if abs(at - round(at / step) * step) > ROUNDING * step]
+        if off or command.tail.terms or any(segment.slope for segment in command.segments):
+            what = f"changes at {off[0]:.10g} s" if off else "is not constant between its instants"
+            mistakes.append(Mistake("command.file", file, f"the command {what}, but limits.sample_time is {step:.10g} s"))
     slack = ROUNDING * (upper - lower)
     least, most = command.extent()
     for level, limit, beyond in ((least, lower, least < lower - slack), (most, upper, most > upper + slack)):

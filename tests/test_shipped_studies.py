@@ -16,6 +16,7 @@ MISSED = {
     "aircraft_pitch": ("PITCH-001", "residual_vibration"),
     "chain": ("CHAIN-001", "residual_vibration"),
     "disk_drive": ("SEEK-001", "residual_vibration"),
+    "disk_drive_sampled": ("SAMPLED-003", "maneuver_time"),
     "gantry_crane": ("CRANE-001", "residual_vibration"),
     "gantry_crane_hoist": ("HOIST-001", "residual_vibration"),
     "gantry_crane_shaped": ("SHAPED-001", "residual_vibration"),
