@@ -96,7 +96,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
     if problem.residuals is not None:
         problem, chosen = sampled(problem, chosen)
     task = certificates.task(problem)
-    for form in ("face", "remainder"):
+    for form in ("face", "remainder") if _rests_on_a_limit(problem) else ():
         content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, None, None)
         if check(content).outcome is Outcome.PROVED:
             nothing = np.zeros(problem.size)
@@ -125,6 +125,13 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
         nothing, seconds = np.zeros(problem.size), time.perf_counter() - begun
         return Bound(Status.BRACKETED, 0.0, None, nothing, None, None, f"no bracket was found: {trouble}", count, seconds)
     return _concluded(task, proof, replace(found, programs=count), time.perf_counter() - begun)
+
+
+def _rests_on_a_limit(problem: Problem) -> bool:
+    """Whether the input at a rest is itself a limit: the criteria of impossibility speak of no other task."""
+    maneuver = problem.maneuver
+    rests = {maneuver.rest, *(maneuver.rest + plant.rest_input(maneuver.displacement) for plant in problem.plants)}
+    return not rests.isdisjoint((maneuver.limits.lower, maneuver.limits.upper))
 
 
 def _concluded(task: dict[str, Any], proof: Proof, found: Bound, seconds: float) -> Bound:
