@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from relaxations import programs
 from relaxations.commands import Command, Segment, Tail
-from relaxations.duality import lower_bound
+from relaxations.duality import Costate, lower_bound
+from relaxations.energy import LONGER, energy_time, first_guess
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.grids import grid
 from relaxations.maneuvers import Problem, TargetSet
@@ -65,8 +66,9 @@ class Settings:
 class Bound:
     """A bracket of the minimum time T* [s]: `lower` rests on `costate`, `upper` on `command`; `reason` says what is missing to a proof.
 
-    `tail` holds the coefficients of the command's tail, `dual` what costate and command came from. `certificate` holds what was proven,
-    in a form that `relaxations.checking` verifies.
+    `tail` holds the coefficients of the command's tail, `dual` what costate and command came from (`above` the command, where it is
+    that of another program: on the grid of a sample time). `certificate` holds what was proven, in a form that `relaxations.checking`
+    verifies.
     """
 
     status: Status
@@ -79,7 +81,8 @@ class Bound:
     programs: int
     seconds: float
     tail: Reals = field(default_factory=lambda: np.zeros(0))
-    dual: programs.GridSolution | Extremal | None = None
+    dual: programs.GridSolution | Extremal | Costate | None = None
+    above: programs.GridSolution | None = None
     certificate: bytes | None = None
 
     @property
@@ -107,7 +110,6 @@ CAPPED = 1e-6  # of the terms of the costate's equation at a coefficient: if mor
 CUTS = 6  # rounds of cutting planes for the tail's limits
 FLAT = 1e-3  # d log α/d log T below which α says nothing about the time
 NEAR, EARLY = 0.05, 2  # of log α: Newton's method on the switches is tried from there on, so often
-CLOSE, ENERGIES = 1.05, 60  # ratio of the two times that the energy's estimate ends with, and how many it may look at
 STALLS = 3  # times that the solver may give no answer, in one search
 FARTHEST = 1e6  # times the plant's own time scale: a target that is out of reach until then is called so
 LARGEST_EXPONENT = 600.0  # of e^{pT} for an unstable pole p: a double ends at e^709
@@ -211,6 +213,21 @@ def exceeded(problem: Problem, solution: programs.GridSolution) -> Looks:
     return problem.tail.exceeded(solution.tail_coefficients, solution.pull)
 
 
+def cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
+    """The program's solution with the tail's limits imposed where its tail has extremes too: cutting planes, until they hold there.
+
+    The limits are tightened by the fraction `inside`, which is what the last cut may be off by.
+    """
+    looks = first_looks(problem)
+    solution = programs.solve(programs.build(problem, grid, looks, inside))
+    for _ in range(CUTS):
+        if not (over := exceeded(problem, solution)):
+            break
+        looks |= over
+        solution = programs.solve(programs.build(problem, grid, looks, inside))
+    return solution
+
+
 def _refined(start: programs.GridSolution) -> Extremal | Failure:
     problem = start.problem  # in the coordinates that the program chose
     if problem.residuals is not None:
@@ -271,10 +288,10 @@ def grid_minimum(
     of time or amplitude matters. The search ends early with the first solution that is `settled`.
     """
     growth = max((pole.real for pole in problem.poles), default=0.0)
-    horizon = first = _first_guess(problem) if growth <= 0.0 else min(_first_guess(problem), 1.0 / growth)
+    horizon = first = first_guess(problem) if growth <= 0.0 else min(first_guess(problem), 1.0 / growth)
     farthest = FARTHEST * first if growth <= 0.0 else LARGEST_EXPONENT / growth
-    short = 0.0 if near else _energy_time(problem, settings, horizon, farthest)
-    horizon = near or min(CLOSE * short, farthest) or horizon
+    short = 0.0 if near else energy_time(problem, lambda time: instants(problem, time, settings), horizon, farthest)
+    horizon = near or min(LONGER * short, farthest) or horizon
     below: programs.GridSolution | None = None
     above: programs.GridSolution | None = None
     count, stalled = 0, 0
@@ -337,34 +354,6 @@ def _exponent(solution: programs.GridSolution) -> float:
     end = float(solution.costate @ problem.rows([solution.maneuver_time])[:, 0])
     steepest = solution.maneuver_time * max(problem.upper * end, problem.lower * end)
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0
-
-
-def _energy_time(problem: Problem, settings: Settings, guess: float, farthest: float) -> float:
-    """A time [s] that is too short for the command's energy alone, close to the longest such; 0 if there is none. No program is solved."""
-    low, high, horizon = 0.0, math.inf, guess
-    for _ in range(ENERGIES):
-        most = programs.energy_bound(problem, instants(problem, horizon, settings))
-        low, high = (horizon, high) if most < 1.0 else (low, horizon)
-        if math.isinf(most) or high <= CLOSE * low or low >= farthest:
-            break
-        horizon = min(1.5 * low, farthest) if math.isinf(high) else math.sqrt(low * high) if low else high / 2.0
-    return low
-
-
-def _first_guess(problem: Problem) -> float:
-    """A time [s] of the right order: what the rigid body alone needs, or the fastest pole's time constant, whichever is longer."""
-    strongest = max(abs(problem.lower), abs(problem.upper))
-    guess = 0.0
-    for target in problem.sets:
-        at = 0
-        for pole in target.basis.poles:
-            m = pole.multiplicity
-            if pole.is_rigid:
-                guess = max(guess, (math.factorial(m) * abs(target.target[at + m - 1]) / strongest) ** (1 / m))
-            else:
-                guess = max(guess, 1.0 / abs(pole.value))
-            at += m * (2 if pole.is_flexible else 1)
-    return max([guess, *(1.0 / abs(pole) for pole in problem.poles if pole)])
 
 
 def staircase(problem: Problem, solution: programs.GridSolution) -> Command:

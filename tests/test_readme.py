@@ -182,7 +182,6 @@ def test_what_is_not_there_yet_is_named():
         "limits.fuel": "fuel",
         "limits.rate": "rate",
         "limits.deflection": "deflection",
-        "limits.sample_time": "sampled commands",
         "limits.pulse_width": "shortest pulses",
         "limits.pulses": "pulses",
         "command.kind": "fuel-efficient commands",
