@@ -85,8 +85,8 @@ class Proof:
         return Proof(lower, above.upper, above.command, above.switches)
 
 
-def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
-    """Bracket the least maneuver time and prove both sides where that is possible.
+def minimum_time(problem: Problem, settings: Settings | None = None, near: float | None = None) -> Bound:
+    """Bracket the least maneuver time and prove both sides where that is possible; `near` is a guess at it [s].
 
     The result is `PROVED` if the checker has accepted a certificate for both sides, `IMPOSSIBLE` if it has accepted one that no time
     suffices, else `BRACKETED` with the reason; a certificate then holds the side that was proven, if any. Where the
@@ -94,7 +94,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
     """
     begun, chosen = time.perf_counter(), settings or Settings()
     if problem.residuals is not None:
-        problem, chosen = sampled(problem, chosen)
+        problem, chosen = sampled(problem, chosen, near)
     task = certificates.task(problem)
     for form in ("face", "remainder", "fuel") if problem.fuel is not None or _rests_on_a_limit(problem) else ():
         content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, None, None)
@@ -108,7 +108,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
         return replace(first, seconds=time.perf_counter() - begun)
     for factor in FINER:
         try:
-            looked = look(problem, chosen.finer(factor), found.upper if found else None)
+            looked = look(problem, chosen.finer(factor), found.upper if found else near)
         except SolverError as problem_met:
             trouble = problem_met
             continue
@@ -236,8 +236,7 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
 
 def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: Bound) -> Side | None:
     """The upper side of an extremal in doubles."""
-    assert found.command is not None
-    starts = np.array([segment.start for segment in found.command.segments])
+    starts = np.concatenate([[0.0], extremal.maneuver_time - extremal.switches_to_go[::-1]])  # of the command some may have merged
     for witness in _witnesses(problem, extremal, extremal.maneuver_time, starts, found.tail):
         for margin in (1e-14, 1e-13, 1e-12):
             side = Side(Fraction(extremal.maneuver_time * (1.0 + margin)), witness)

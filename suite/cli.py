@@ -109,6 +109,36 @@ def bound(studies: tuple[Path, ...], certificate: Path | None, as_json: bool) ->
 
 
 @main.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option("--displacements", required=True, metavar="LO:HI:N", help="N equally spaced displacements, both ends included.")
+@click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),
+              help="Write it for a controller: .h (C), .st (IEC 61131-3 Structured Text), .csv.")  # fmt: skip
+@click.option("--certificates", type=click.Path(path_type=Path), help="Write every row's proof into this folder.")
+@SANDBOX
+@AS_JSON
+@guarded
+def table(study: Path, displacements: str, exports: tuple[Path, ...], certificates: Path | None, as_json: bool) -> None:
+    """Bracket the minimum time of STUDY for many displacements, with proofs, and write the commands for a controller.
+
+    Exit code 0: every row is proved or bracketed; 1: one is impossible; 2: bad input.
+    """
+    from suite import console, table_files, tables
+    from suite.loading import load_study
+
+    table_files.known(exports)
+    asked = tables.displacements(displacements)
+    with console.progress("bracketing", len(asked)) as shown:
+        done = tables.tabulate(load_study(study), asked, certificates, shown.advance)
+    for path in exports:
+        table_files.export(done, path)
+    if as_json:
+        print_json(done.to_dict() | {"files": [str(path) for path in exports]})
+    else:
+        console.show_table(done, exports)
+    sys.exit(FAILED if done.impossible else 0)
+
+
+@main.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--study", type=click.Path(path_type=Path), help="Confirm that the certificates are about this study.")
 @AS_JSON
@@ -266,11 +296,21 @@ def linearize(
 @click.argument("kind")
 @click.option("--mode", "modes", multiple=True, metavar="FREQUENCY(Hz|rad/s):DAMPING", help="A mode, such as 1.0Hz:0.05; one or several.")
 @click.option("--tolerance", type=float, default=0.05, show_default=True, help="Residual vibration allowed, a fraction of the unshaped.")
-@click.option("--band", metavar="LOW:HIGH", default="0.8:1.2", show_default=True, help="Frequencies, as factors of the mode's.")
+@click.option(
+    "--band",
+    multiple=True,
+    metavar="LOW:HIGH[@TOLERANCE]",
+    help="Frequencies, as factors of the mode's; one, or one for each mode, or several for one mode; default: 0.8:1.2.",
+)
 @click.option("--damping", metavar="LOW:HIGH", help="Damping ratios of the worst case; default: the mode's.")
 @click.option("--negative", type=float, help="Size of the negative amplitude (sna-zv).")
 @click.option("--sums", metavar="LOW:HIGH", help="Bounds of the partial sums (sums-zv).")
-@click.option("--sample-time", type=float, help="Seconds: impulses at its multiples only (zv-d:N).")
+@click.option(
+    "--sample-time", type=float, help="Seconds: impulses, or pulses of one height, begin at its multiples only (zv-d:N, pulses-zv)."
+)
+@click.option("--pulse", type=float, help="Seconds: draw every impulse out to a pulse of this width.")
+@click.option("--height", type=float, help="1/s: height of the pulses (pulses-zv).")
+@click.option("--impulses", metavar="INSTANT:AMPLITUDE,…|FILE.json", help="The impulses of a custom shaper.")
 @click.option("--simultaneous", is_flag=True, help="One solution for all modes, not one shaper after the other.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw sensitivity and step response to this file (SVG).")
 @click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),
