@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
+from relaxations.commands import Command
 from relaxations.moments import Basis
 from relaxations.plants import LinearPlant, Pole
 
 Reals = NDArray[np.float64]
 
 MOST_SHORT = 8  # cells of a block at least
+AGAIN = 400  # points at which a command that was found without these limits is looked at
 FINE = 4  # points of each cell at which a course is looked at
 PRICED = 1e-9  # of the largest multiplier of a course: smaller ones are what an interior-point method leaves anywhere
 MISSED = 1e-9  # relative excess that calls for another instant
@@ -77,6 +79,13 @@ class Course:
             shift = np.nan_to_num((y0 - y2) / (2 * (y0 - 2 * y1 + y2)), posinf=0.0, neginf=0.0)
         found = found + np.where(top, np.clip(shift, -1, 1) * (times[np.maximum(chosen, 1)] - times[np.maximum(chosen, 1) - 1]), 0.0)
         return np.clip(found / instants[-1], 0.0, 1.0)
+
+
+def respects(courses: Sequence[Course], command: Command, rest: float) -> bool:
+    """Whether constant segments keep the courses within their limits, as far as some points of each tell."""
+    instants = np.union1d(command.breakpoints, np.linspace(0.0, command.end, AGAIN))
+    levels = command((instants[1:] + instants[:-1]) / 2, rest) - rest
+    return not len(exceeded_places(courses, instants, levels, 1.0))
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from relaxations.bounds import CUTS, Bound, Settings, Status, bracket, contacts,
 from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
+from relaxations.courses import respects
 from relaxations.duality import Costate, lower_bound
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
@@ -47,8 +48,12 @@ BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 FINER = (1, 4, 16, 64)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
 
-REGULAR, GOOD, LIMITED, ROBUST = 1e-12, 1e-7, 1e-6, 1e-4
-"""Gaps at which the search ends: what a regular optimum comes to; on the finer grids; with further limits, and with a box."""
+REGULAR, GOOD, LIMITED, COURSED, ROBUST = 1e-12, 1e-7, 1e-6, 1e-5, 1e-4
+"""Gaps at which the search ends: what a regular optimum comes to; on the finer grids; with a budget of fuel, with limits on courses, with a
+box."""
+
+CLOSE = 1e-7
+"""Of α, where courses are limited: closer to the root is closer than the grid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +108,8 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
             return Bound(Status.IMPOSSIBLE, 0.0, None, nothing, None, None, None, 0, time.perf_counter() - begun, certificate=content)
     proof, found, count, trouble = Proof(), None, 0, None
     gridded = problem.maneuver.sample_time is not None
+    if problem.courses:
+        chosen = replace(chosen.finer(2), tolerance=max(chosen.tolerance, CLOSE))
     look = sampled_bracket if gridded else bracket
     if not gridded and problem.eased.bang_bang and not problem.bang_bang and (first := _at_ease(problem, task, chosen)) is not None:
         return replace(first, seconds=time.perf_counter() - begun)
@@ -115,7 +122,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         count += looked.programs
         found = looked if found is None or (found.switches is None and looked.switches is not None) else found
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
-        enough = REGULAR if problem.bang_bang else LIMITED if problem.residuals is None else ROBUST
+        enough = REGULAR if problem.bang_bang else ROBUST if problem.residuals else COURSED if problem.courses else LIMITED
         if gridded or proof.gap <= enough or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
             break
     if found is None:
@@ -134,6 +141,8 @@ def _at_ease(problem: Problem, task: dict[str, Any], settings: Settings) -> Boun
     if found.command is None or not isinstance(found.dual, Extremal):
         return None
     if problem.fuel is not None and found.command.fuel(problem.rest) > problem.fuel:
+        return None
+    if not respects(problem.courses, found.command, problem.rest):
         return None
     proof = _prove(problem.eased, task, found, settings)
     return _concluded(task, proof, found, 0.0) if proof.gap <= REGULAR else None
@@ -284,7 +293,7 @@ def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: 
 def _grids(problem: Problem, found: Bound, settings: Settings) -> Iterator[tuple[Reals, float]]:
     """Grids a little beyond a bracket's upper side, and by what fraction limits after the move are tightened on each."""
     assert found.upper is not None
-    beyonds = BEYOND if problem.residuals is None else BEYOND[-4:]
+    beyonds = BEYOND if problem.residuals is None and not problem.courses else BEYOND[-4:]
     if problem.maneuver.sample_time is None:
         yield from ((instants(problem, found.upper * (1.0 + beyond), settings), beyond / 4.0) for beyond in beyonds)
     elif found.above is not None:

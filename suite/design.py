@@ -77,7 +77,12 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
     limits, length, robust = study.limits, study.limits.tail_length, study.command.robustness
     maneuver = Maneuver(
         Fraction(study.maneuver.displacement),
-        Limits(Fraction(limits.lower), Fraction(limits.upper), None if limits.fuel is None else Fraction(limits.fuel)),
+        Limits(
+            Fraction(limits.lower),
+            Fraction(limits.upper),
+            None if limits.fuel is None else Fraction(limits.fuel),
+            {plant.output if name == study.plant.output else name: Fraction(limit) for name, limit in limits.deflection.items()},
+        ),
         Fraction(study.plant.initial_input),
         0 if robust == "box" else robust,
         study.command.tail,

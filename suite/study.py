@@ -129,7 +129,8 @@ class Maneuver:
 class Limits:
     """`lower ≤ u(t) ≤ upper`, absolute, input units; `∫_0^T |u - u_0| dt ≤ fuel` (input units · s); of a tail also (seconds after
     the move, fraction of the nearer limit's distance), and (shift as a fraction of its magnitude, residual as a fraction of the
-    displacement) for zeros that may be elsewhere, by name. With a `sample_time` [s] the input is constant over each sample."""
+    displacement) for zeros that may be elsewhere, by name. With a `sample_time` [s] the input is constant over each sample.
+    No output named in `deflection` leaves its first rest value by more than that (output units)."""
 
     lower: Decimal
     upper: Decimal
@@ -137,6 +138,7 @@ class Limits:
     zero_sensitivity: Mapping[str, tuple[Decimal, Decimal]] = field(default_factory=dict)
     sample_time: Decimal | None = None
     fuel: Decimal | None = None
+    deflection: Mapping[str, Decimal] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,6 +76,7 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
             sensitivity,
             written.limits.sample_time,
             written.limits.fuel,
+            written.limits.deflection or {},
         ),
         command=command,
         simulation=_simulation(written.simulation),

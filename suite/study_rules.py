@@ -22,7 +22,6 @@ UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     "maneuver.initial_state": (_given, "a plant starts at rest"),
     "maneuver.scale": (_given, "|displacement| is the scale"),
     "limits.rate": (_given, "limits.input alone limits the command; a requirement on peak_rate measures it"),
-    "limits.deflection": (_given, "limits.input alone limits the command; a requirement on peak(NAME) measures it"),
     "limits.pulse_width": (_given, "limits.input alone limits the command"),
     "limits.pulses": (_given, "limits.input alone limits the command"),
     "command.kind": (_one_of("fuel-efficient", "pole-zero"), '"time-optimal", "shaper" and "file" are supported'),

@@ -38,6 +38,13 @@ def proven(name: str) -> bytes:
 
 
 @cache
+def proven_course() -> bytes:
+    """The certificate of a cart whose speed is limited."""
+    limits = Limits.of(-1, 1, deflection={"output_rate": "0.5"})
+    return _certified("course", lambda: problem([transfer([1], [1, 0, 0])()], Maneuver(Fraction(1), limits)))
+
+
+@cache
 def proven_tail(name: str) -> bytes:
     """The certificate of an output rest."""
     numerator, denominator, displacement, limits, length = TAILS[name]
@@ -108,8 +115,9 @@ def task(numerator: list[str], denominator: list[str], displacement: str = "1", 
     """A task as a certificate writes it; state rest and |u| ≤ 1 unless said otherwise."""
     limits = {"input": list(others.pop("limits", ("-1", "1")))}
     limits |= {name: others.pop(name, None) for name in ("fuel", "sample_time")}
+    limits |= {"deflection": others.pop("deflection", {})}
     limits |= {"tail_length": others.pop("tail_length", None), "zero_sensitivity": others.pop("zero_sensitivity", {})}
-    plant = {"numerator": numerator, "denominator": denominator, "zeros": others.pop("zeros", {})}
+    plant = {"numerator": numerator, "denominator": denominator, "outputs": others.pop("outputs", {}), "zeros": others.pop("zeros", {})}
     return {"plants": [plant], "box": None, "displacement": displacement, "rest": "state", "limits": limits, "initial_input": "0", **others}
 
 
@@ -121,10 +129,12 @@ def certificate(
     return forged({"format": "slewcert-certificate/1", "task": of, "claim": claim, "lower": witnesses[0], "upper": witnesses[1]})
 
 
-def costate(*chains: tuple[tuple[str, str], list[tuple[str, str]]], tail: Any = (), fuel: str = "0") -> dict[str, Any]:
+def costate(
+    *chains: tuple[tuple[str, str], list[tuple[str, str]]], tail: Any = (), fuel: str = "0", deflection: Any = ()
+) -> dict[str, Any]:
     """A lower side's witness."""
     written_chains = [{"near": list(near), "coefficients": [list(c) for c in coefficients]} for near, coefficients in chains]
-    return {"costate": [written_chains], "tail": list(tail), "samples": [], "fuel": fuel}
+    return {"costate": [written_chains], "tail": list(tail), "samples": [], "fuel": fuel, "deflection": list(deflection)}
 
 
 def command(time: str, segments: list[tuple[str, str]], free: list[list[Any]], radius: str = "1/1000000", tail: Any = ()) -> dict[str, Any]:

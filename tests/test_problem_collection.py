@@ -25,7 +25,7 @@ FILES = collect([PROBLEMS])
 SLEWCERT = Path(sys.executable).with_name("slewcert")
 
 GAP = 1e-12  # relative; a regular optimum is claimed a double below and a double above its duration
-STAIRCASES = {"two_mass_one_switch": 1e-8, "two_mass_sampled": 0.0, "rigid_body_sampled": 0.0, "two_mass_fuel": 1e-6}
+STAIRCASES = {"two_mass_one_switch": 1e-8, "two_mass_sampled": 0.0, "rigid_body_sampled": 0.0, "two_mass_fuel": 1e-6, "rigid_body_speed": 1e-5, "two_mass_spring_limit": 1e-5}
 """Degenerate optima: the upper side is a repaired staircase, 1e-9 beyond the minimum time or ten times that; samples are exact.
 With further limits both sides are those of a grid."""
 
@@ -43,6 +43,8 @@ FACTS = {
     "chain_11": "27.0783724616",
     "chain_12": "28.4927336597",
     "two_mass_fuel": "8.1107317945",
+    "two_mass_spring_limit": "4.757",
+    "rigid_body_speed": 2.5,
     "two_mass_sampled": "6.75",
     "rigid_body_sampled": 2.0,
     "pitch_state": "13.37",

@@ -27,6 +27,8 @@ MISSED = {
     "stirred_tanks": ("TANKS-001", "maneuver_time"),
     "two_mass": ("SLEW-001", "residual_vibration"),
     "two_mass_fuel": ("FUEL-001", "fuel"),
+    "two_mass_speed_limit": ("SPEED-001", "peak(velocity_2)"),
+    "two_mass_spring_limit": ("SPRING-001", "peak(spring)"),
 }
 # A nonlinear plant whose mode varies, shapers, an FMU that refuses what no thruster can do; the others are for `make slow`.
 QUICK = {"gantry_crane_hoist", "gantry_crane_shaped", "robot_arm_shaped", "spacecraft"}

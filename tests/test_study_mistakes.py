@@ -186,7 +186,6 @@ UNSUPPORTED_VALUES = {
     "maneuver.initial_state": "[maneuver]\ninitial_state = [1]",
     "maneuver.scale": "[maneuver]\nscale = 1",
     "limits.rate": "[limits]\nrate = [-1, 1]",
-    "limits.deflection": "[limits]\ndeflection = { spring = 1 }",
     "limits.tail_length": "[limits]\ntail_length = { time = 1, within = 0.1 }",
     "limits.pulse_width": "[limits]\npulse_width = 1",
     "limits.pulses": "[limits]\npulses = 1",

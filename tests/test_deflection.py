@@ -1,0 +1,218 @@
+"""Limits on named outputs in the course of the move: known minimum times, both sides proven; what they may not be; lies about them."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import cache
+from itertools import pairwise
+from math import sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+from forgery import certificate, changed, command, costate, number, opened, proven_course, task, written
+from independent import StateSpace
+from independent_limits import Limited
+from problems import transfer, two_mass
+
+from relaxations.bounds import Bound, Status
+from relaxations.checking.claims import Outcome, check, claim
+from relaxations.courses import Course
+from relaxations.errors import ManeuverError
+from relaxations.maneuvers import Limits, Maneuver, problem
+from relaxations.proofs import COURSED, minimum_time
+
+PLANTS = {"spring": two_mass, "rigid": transfer([1], [1, 0, 0]), "lag": transfer([1], [1, "0.5", 0])}
+
+
+@cache
+def bound(plant: str, displacement: str, fuel: str | None = None, input: tuple[str, str] = ("-1", "1"), **deflection: str) -> Bound:
+    return minimum_time(problem([PLANTS[plant]()], Maneuver(Fraction(displacement), Limits.of(*input, fuel, deflection))))
+
+
+def sides(found: Bound) -> tuple[float, float]:
+    assert found.status is Status.PROVED, found.reason
+    assert found.certificate is not None
+    assert found.upper is not None
+    assert check(found.certificate).outcome is Outcome.PROVED
+    assert found.upper - found.lower <= COURSED * found.lower
+    return found.lower, found.upper
+
+
+@pytest.mark.parametrize(("low", "high", "speed"), [("-1", "1", "0.5"), ("-2", "1", "0.75"), ("-1", "1", "0.999")])
+def test_a_rigid_body_of_limited_speed_moves_in_a_trapezoid(low: str, high: str, speed: str) -> None:
+    # T = Δ/v + v/2 (1/a + 1/b): up to speed with a, down with b.
+    a, b, v = float(high), -float(low), float(speed)
+    lower, upper = sides(bound("rigid", "1", input=(low, high), output_rate=speed))
+    time = 1 / v + v / 2 * (1 / a + 1 / b)
+    assert lower <= time * (1 + 1e-14)
+    assert upper >= time * (1 - 1e-14)
+
+
+def test_the_two_mass_spring_with_a_limited_spring() -> None:
+    # 4.757 and 5.371 s from grids, both sides agreeing to the digits given.
+    lower, upper = sides(bound("spring", "1", spring="0.3"))
+    assert 4.7560 < lower < upper < 4.7570
+    free, looser = bound("spring", "1"), sides(bound("spring", "1", spring="0.4"))
+    assert free.lower <= looser[1]
+    assert looser[0] <= upper
+
+
+@pytest.mark.slow
+def test_the_two_mass_spring_with_a_stiffly_limited_spring() -> None:
+    lower, upper = sides(bound("spring", "1", spring="0.2"))
+    assert 5.3700 < lower < upper < 5.3715
+
+
+def test_a_limit_that_is_not_needed_changes_nothing() -> None:
+    free = bound("spring", "5")
+    assert free.command is not None
+    model = StateSpace.of(two_mass(), "spring")
+    times = np.linspace(0.0, free.command.maneuver_time, 4001)
+    peak = float(np.abs(model.states(free.command, times) @ model.C).max())
+    slack = bound("spring", "5", spring=f"{peak * 1.00001:.9f}")
+    assert (slack.lower, slack.upper, slack.switches) == (free.lower, free.upper, free.switches)
+    tight = sides(bound("spring", "5", spring=f"{peak * 0.97:.9f}"))
+    assert tight[0] > free.upper  # type: ignore[operator]
+
+
+def test_tighter_limits_take_no_less_time() -> None:
+    times = [sides(bound("rigid", "1", output_rate=speed)) for speed in ("0.999", "0.75", "0.5")]
+    assert all(later[0] > earlier[1] for earlier, later in pairwise(times))
+
+
+def test_fuel_and_speed_together_are_no_faster_than_either() -> None:
+    # A cart with fuel U reaches the speed U/2 at most: a limit of the speed below makes the fuel plenty.
+    both = sides(bound("rigid", "1", "1", output_rate="0.4"))
+    assert both[0] <= 1 / 0.4 + 0.4 <= both[1] * (1 + 1e-12)
+    other = sides(bound("rigid", "1", "0.6", output_rate="0.4"))
+    assert other[0] <= 2 / 0.6 + 0.3 <= other[1] * (1 + 1e-12)
+
+
+def test_the_command_of_the_bracket_respects_the_limit_in_between_too() -> None:
+    found = bound("spring", "1", spring="0.3")
+    assert found.command is not None
+    model = StateSpace.of(two_mass(), "spring")
+    times = np.linspace(0.0, found.command.maneuver_time + 5.0, 20_001)
+    course = model.states(found.command, times) @ model.C
+    assert 0.2999 < np.abs(course).max() <= 0.3
+    assert np.abs(course[times > found.command.maneuver_time]).max() < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
+def test_random_limits_against_another_program(seed: int) -> None:
+    rng = np.random.default_rng([2026, 7, seed])
+    stiffness, damping = f"{rng.uniform(0.5, 3):.3g}", f"{rng.choice([0.0, 0.1]):.3g}"
+    plant = two_mass(2, stiffness, damping)
+    free = minimum_time(problem([plant], Maneuver(Fraction(1), Limits.of(-1, 1))))
+    assert free.command is not None
+    model = StateSpace.of(plant, "spring")
+    peak = np.abs(model.states(free.command, np.linspace(0.0, free.command.maneuver_time, 1001)) @ model.C).max()
+    limit, fuel = float(f"{rng.uniform(0.6, 0.9) * peak:.3g}"), float(f"{0.9 * free.command.fuel():.3g}") if seed else None
+    limits = Limits.of(-1, 1, fuel, {"spring": limit})
+    lower, upper = sides(minimum_time(problem([plant], Maneuver(Fraction(1), limits))))
+    other = Limited(plant, 1.0, -1.0, 1.0, fuel, None, {"spring": limit}).time(0.98 * lower, 1.02 * upper, 100, 1e-4)
+    assert other == pytest.approx(upper, rel=4e-3)  # a grid of 100 steps is slower, though it is only limited at its instants
+
+
+def test_where_a_limit_makes_no_sense() -> None:
+    def refused(words: str, plant: Any = two_mass, displacement: str = "1", **others: Any) -> None:
+        limits = Limits.of(-5, 5, None, others.pop("deflection"))
+        with pytest.raises(ManeuverError, match=words):
+            problem([plant()], Maneuver(Fraction(displacement), limits, **others))
+
+    refused("the plant has output, output_rate, position_1", deflection={"sprig": 1})
+    refused("may be more than 0", deflection={"spring": 0})
+    refused("'position_1' deviates by 1", deflection={"position_1": "0.999"})
+    refused("has feed-through", transfer([1, 1], [1, 2]), deflection={"output": 1})
+    refused("no tail", transfer([1, 1], [1, 2, 0]), deflection={"output": 1}, tail=True)
+    problem([two_mass()], Maneuver(Fraction(1), Limits.of(-1, 1, None, {"position_1": 1})))  # where it rests, exactly
+
+
+@pytest.mark.slow
+def test_no_overshoot_of_the_controlled_output_itself() -> None:
+    # The limit is where the output rests: the mass of a damped oscillator must not go beyond its target.
+    limits = Limits.of(-1, 3, None, {"output": 1})
+    lower, upper = sides(minimum_time(problem([transfer([1], [1, "0.4", 1])()], Maneuver(Fraction(1), limits))))
+    free = minimum_time(problem([transfer([1], [1, "0.4", 1])()], Maneuver(Fraction(1), Limits.of(-1, 3))))
+    assert free.lower <= upper
+    assert lower < 10
+
+
+# Lies, about the cart with |u| ≤ 1 and a speed of at most 1/2: T = 2.5, u = 1 until 0.5, -1 from 2 on; p = 2 (s - 1/2) until 1/2, 0 until 2,
+# 2 (s - 2) from there: λ = (-1, 2), the multiplier 2 per second of the speed between.
+
+COURSE: dict[str, Any] = {"deflection": {"rate": "0.5"}, "outputs": {"rate": ["1", "0"]}}
+PRESS = {"output": "rate", "begin": "0.5", "end": "2", "weight": "3"}
+
+
+def lower_side(time: str, presses: list[dict[str, str]], **others: Any) -> Outcome:
+    witness = costate((("0", "0"), [("-1", "0"), ("2", "0")]), deflection=presses)
+    return check(certificate(task(["1"], ["1", "0", "0"], **{**COURSE, **others}), time, witnesses=(witness, None))).outcome
+
+
+def test_the_lower_side_of_a_course() -> None:
+    assert lower_side("2.4999999", [PRESS]) is Outcome.PROVED
+    assert lower_side("2.5000001", [PRESS]) is Outcome.REFUTED
+    assert lower_side("2.01", []) is Outcome.REFUTED
+    parts = [{**PRESS, "end": "1.25", "weight": "1.5"}, {**PRESS, "begin": "1.25", "weight": "1.5"}]
+    assert lower_side("2.4999999", parts) is Outcome.PROVED
+    for change in ({"weight": "2.9"}, {"weight": "-3"}, {"begin": "0.6"}, {"end": "1.9"}, {"begin": "1.25", "end": "1.25"}):
+        assert lower_side("2.4999999", [{**PRESS, **change}]) is not Outcome.PROVED
+    assert lower_side("2.4999999", [PRESS], deflection={"rate": "0.501"}) is Outcome.REFUTED
+    assert lower_side("2.4999999", [PRESS], outputs={"rate": ["0.999", "0"]}) is not Outcome.PROVED
+    assert lower_side("2.4999999", [PRESS], outputs={"rate": ["1.001", "0"]}) is not Outcome.PROVED
+
+
+def test_the_upper_side_of_a_course() -> None:
+    def outcome(time: str, limit: str, segments: list[tuple[str, str]]) -> Outcome:
+        posed = task(["1"], ["1", "0", "0"], **{**COURSE, "deflection": {"rate": limit}})
+        return check(certificate(posed, upper=time, witnesses=(None, command(time, segments, [["level", 0, 0], ["level", 2, 0]])))).outcome
+
+    slower = [("0", "0.952380952"), ("0.5", "0"), ("2.1", "-0.952380952")]  # 1/2.1 fast
+    assert outcome("2.6", "0.4762", slower) is Outcome.PROVED
+    assert outcome("2.6", "0.4761", slower) is Outcome.REFUTED
+    assert outcome("2.6", "0.5", slower) is Outcome.PROVED
+
+
+def test_what_the_checker_calls_malformed() -> None:
+    for others in (
+        {"outputs": {}},
+        {"deflection": {}},
+        {"deflection": {"rate": "0"}},
+        {"deflection": {"rate": "-0.5"}},
+        {"outputs": {"rate": ["1", "0", "0"]}},
+        {"outputs": {"rate": ["0", "1"]}},
+        {"outputs": {"rate": ["1"]}},  # this output rests at 1, beyond its limit
+        {"rest": "output"},
+        {"sample_time": "0.5"},
+    ):
+        assert lower_side("2.4", [PRESS], **others) is Outcome.MALFORMED, others
+    for change in ({"output": "speed"}, {"begin": "-1"}, {"begin": "3"}):
+        assert lower_side("2.4", [{**PRESS, **change}]) is Outcome.MALFORMED
+
+
+def test_a_changed_limit_changes_the_claim() -> None:
+    content = proven_course()
+    assert "output_rate never leaves its first rest value by more than 0.5" in claim(check(content))
+    times = [number(opened(content)["claim"][side]) for side in ("lower", "upper")]
+    for limit, outcome in (("0.499", Outcome.REFUTED), ("0.51", Outcome.REFUTED)):
+        lie = changed(content, lambda data, limit=limit: data["task"]["limits"]["deflection"].update(output_rate=limit))
+        assert check(lie).outcome is outcome
+    for side, time, factor in zip(("lower", "upper"), times, (Fraction(100001, 100000), Fraction(99999, 100000)), strict=True):
+        lie = changed(content, lambda data, side=side, time=time, factor=factor: data["claim"].update({side: written(time * factor)}))
+        assert check(lie).outcome is Outcome.REFUTED
+
+
+def test_courses_in_floating_point_are_those_of_state_space() -> None:
+    rng, plant = np.random.default_rng(5), two_mass(2, "1.3", "0.2")
+    instants, course = np.sort(np.append(rng.uniform(0, 4, 7), [0.0, 4.0])), Course.of(plant, "spring", 1.0, 0.0)
+    levels = rng.uniform(-1, 1, 8)
+    times, values = course.along(instants, levels)
+    model = StateSpace.of(plant, "spring")
+    from relaxations.commands import Command, Segment, Tail
+
+    steps = Command(4.0, tuple(Segment(float(s), float(u)) for s, u in zip(instants, levels, strict=False)), Tail(0.0))
+    assert values == pytest.approx(model.states(steps, times) @ model.C, abs=1e-12)
+    assert sqrt(2) > np.abs(values).max() > 0.01
