@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from typing import cast
 
 import numpy as np
 from flint import acb, fmpq, fmpq_mat, fmpq_poly
@@ -24,7 +25,9 @@ BITS = 256
 
 
 def from_state(plant: LinearPlant, A: Sequence[Sequence[Exact]], B: Sequence[Exact], state: Sequence[Exact]) -> tuple[Fraction, ...]:
-    """ξ and its derivatives of a plant `x' = A x + B u` at the deviation x = `state`: `x = Σ w_i ξ^{(i)}`, `(sI - A)^{-1} B = Σ w_i s^i / D(s)`.
+    """ξ and its derivatives of a plant `x' = A x + B u` at the deviation x = `state`.
+
+    `x = Σ w_i ξ^{(i)}` with `(sI - A)^{-1} B = Σ w_i s^i / D(s)`.
 
     Raises `ManeuverError` if a part of the state is one that the input cannot move.
     """
@@ -71,7 +74,7 @@ def moments(plant: LinearPlant, basis: Basis, start: Sequence[Fraction]) -> Real
     """The moments (rows of `basis`, whose poles are the plant's) of ξ and its derivatives."""
     values = []
     with precision(BITS):
-        found = [root for root, _ in plant.denominator.complex_roots()]
+        found = [root for root, _ in cast("list[tuple[acb, int]]", plant.denominator.complex_roots())]
         for pole in basis.poles:
             near = min(found, key=lambda ball, pole=pole: float(abs(ball - acb(pole.value.real, pole.value.imag)).mid()))
             values += [complex(float(x.real.mid()), float(x.imag.mid())) for x in _chain(near, pole.multiplicity, plant.denominator, start)]

@@ -269,10 +269,9 @@ class Wave:
         return [x.real for x in (self.rows * acb_mat([[x] for root in self.roots for x in root.impulse(s)])).entries()]
 
     def raised(self, level: arb) -> Wave:
-        """The wave plus a constant; there is a root at the origin."""
-        rows, origin = self.rows.tolist(), next(i for i, root in enumerate(self.roots) if root.value.is_zero())
-        rows[0][sum(root.multiplicity for root in self.roots[:origin])] += level
-        return Wave(self.roots, acb_mat(rows))
+        """The wave plus a constant: one more root at the origin."""
+        rows = [[*row, acb(0 if k else level)] for k, row in enumerate(self.rows.tolist())]
+        return Wave((*self.roots, Root(acb(0), 1)), acb_mat(rows))
 
     def integral(self, s: arb) -> arb:
         """From 0 to s."""

@@ -112,7 +112,7 @@ def claim(found: Check) -> str:
     start, begins = task["initial_state"], f"Task: from rest at input {task['initial_input']}"
     if start is not None:
         lines.append(
-            f"Start: D(d/dt) x = u and y = N(d/dt) x, deviations from rest at input {task['initial_input']}, for denominator D, numerator N;"
+            f"Start: D(d/dt) x = u, y = N(d/dt) x, deviations from rest at input {task['initial_input']}, for numerator N, denominator D;"
         )
         lines.append(f"  x and its derivatives begin at [{', '.join(start)}].")
         begins = "Task: from there"
