@@ -54,14 +54,13 @@ def task(problem: Problem) -> dict[str, Any]:
     for plant in problem.plants:
         polynomials = {"numerator": plant.numerators[plant.output], "denominator": plant.denominator}
         written = {name: [text(fraction(c)) for c in reversed(p.coeffs())] for name, p in polynomials.items()}
-        outputs = {
-            course.name: [text(fraction(c)) for c in reversed(plant.numerators[course.name].coeffs())] for course in problem.courses
-        }
+        outputs = {course.name: [text(fraction(c)) for c in reversed(plant.numerators[course.name].coeffs())] for course in problem.courses}
         plants.append({**written, "outputs": outputs, "zeros": _zeros(problem)})
     return {
         "plants": plants,
         "box": maneuver.box and _box(maneuver.box),
         "displacement": text(maneuver.displacement),
+        "initial_state": None if maneuver.initial is None else [text(x) for x in maneuver.initial],
         "rest": "output" if maneuver.tail else "state",
         "limits": {
             "input": [text(maneuver.limits.lower), text(maneuver.limits.upper)],

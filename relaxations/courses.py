@@ -90,7 +90,7 @@ def respects(courses: Sequence[Course], command: Command, rest: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """The courses of the levels u of a grid, in units of their limits: `bends u + states z` where the states z satisfy `flow u + past z = 0`.
+    """The courses of the levels u of a grid, in units of their limits: `bends u + states z` where `flow u + past z = 0`.
 
     z are the moments at the end of every block of some cells, so that all four are sparse: what a place sees of the move's beginning, it
     sees through them. A row of bends belongs to a place (course, fraction of the move); `finals` (k,) is where it ends.
@@ -196,7 +196,7 @@ class Press:
 
 
 def presses(courses: Sequence[Course], places: Reals, multipliers: Reals, instants: Reals) -> tuple[Press, ...]:
-    """Multipliers (k,) at `places` (course, fraction of the move) (k, 2), each spread over a cell of the grid, half to either side.
+    """Multipliers (k,) of limits set to 1 at `places` (course, fraction of the move) (k, 2), each spread over a cell, half to either side.
 
     Where they are dense, half the distance to the next one: a limit that holds for a while is priced without gaps.
     """
@@ -205,6 +205,7 @@ def presses(courses: Sequence[Course], places: Reals, multipliers: Reals, instan
         own = (places[:, 0] == number) & (np.abs(multipliers) > PRICED * np.abs(multipliers).max(initial=0.0))
         order = np.argsort(-places[own, 1])
         to_go, weights = horizon * (1.0 - places[own, 1][order]), multipliers[own][order]
+        weights = weights / course.limit
         cell = np.interp(horizon - to_go, (instants[1:] + instants[:-1]) / 2, np.diff(instants))
         gaps = np.diff(to_go)
         after = np.minimum(np.append(gaps, np.inf), cell) / 2

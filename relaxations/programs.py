@@ -59,8 +59,8 @@ class GridProgram:
     rows = R^{-T} · table, limits in input units; of the tail `columns` (m, n) in the same rows, and its limits `shapes` (k, n) with the
     room `above` and `below` (k,): at the instants `looks` [s] after the move first, then the faces of its caps, of these `bounds` at the
     places `capped` of its coefficients. The courses of the move (`motion`) are limited
-    to 1 on either side of zero at α = 1, where they come to rest at `finals`, and to what is left of that beside `α finals` else. All limits
-    but the input's are tightened by the fraction `inside`.
+    to 1 on either side of zero at α = 1, where they come to rest at `finals`, and to what is left of that beside `α finals` else. All
+    limits but the input's are tightened by the fraction `inside`.
     """
 
     problem: Problem
@@ -168,7 +168,7 @@ def build(problem: Problem, instants: Reals, looks: Looks | None = None, inside:
         orthonormal, change, least = _orthonormal(problem, instants)
     if cells < problem.size or least <= cells * np.finfo(float).eps:
         raise ShortHorizonError(f"the moment equations are dependent on {cells} intervals over {horizon!r} s")
-    target: Reals = np.linalg.solve(change.T, problem.target).astype(np.float64)
+    target: Reals = np.linalg.solve(change.T, problem.aimed(horizon)).astype(np.float64)
     columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
     moves = problem, instants, orthonormal.T, target, change, problem.lower, problem.upper, columns
     extra = looks.moving if looks else np.zeros((0, 2))
@@ -195,7 +195,9 @@ def energy_bound(problem: Problem, instants: Reals) -> float:
     left, sizes, _ = np.linalg.svd((change / lengths).T)
     sizes = np.append(sizes, np.zeros(len(left) - len(sizes)))
     damped = np.hypot(sizes, NEGLIGIBLE)
-    wanted, free = (left.T @ (column.T / lengths).T / damped[:, None] for column in (problem.target[:, None], problem.tail.columns))
+    wanted, free = (
+        left.T @ (column.T / lengths).T / damped[:, None] for column in (problem.aimed(float(instants[-1]))[:, None], problem.tail.columns)
+    )
     best = (wanted - free @ np.linalg.lstsq(free, wanted, rcond=None)[0])[:, 0]
     energy = max(abs(problem.lower), abs(problem.upper)) * np.sqrt(instants[-1])
     least = float(np.linalg.norm(best))
@@ -329,7 +331,8 @@ def solve(program: GridProgram) -> GridSolution:
     )
     k = len(program.looks)
     pull = program.columns.T @ multiplier + program.shapes[:k].T @ (prices[0] - prices[1])[:k]
-    pressed = _multipliers(program, compiled, half)
+    bent = [np.maximum(compiled[name].dual_value, 0.0) for name in ("bent", "unbent")] if motion is not None else []
+    pressed = presses(program.problem.courses, motion.places, half * (bent[0] - bent[1]), program.instants) if motion is not None else ()
     risen = sum(press.weight * press.course.final for press in pressed)
     scale = float(multiplier @ program.target) - _price(program, prices[0], prices[1], pull) - risen
     if scale <= 0.0:
@@ -347,16 +350,6 @@ def solve(program: GridProgram) -> GridSolution:
         0.0 if fuel is None else max(float(compiled["budget"].dual_value), 0.0) / (width * scale),
         tuple(replace(press, weight=press.weight / scale) for press in pressed),
     )
-
-
-def _multipliers(program: GridProgram, compiled: dict[str, Any], unit: float) -> tuple[Press, ...]:
-    """The multipliers of the courses' limits: of rows that are divided by the limit, for levels in that unit."""
-    if program.motion is None:
-        return ()
-    courses, places = program.problem.courses, program.motion.places
-    limits = np.array([courses[int(number)].limit for number in places[:, 0]])
-    weights = np.maximum(compiled["bent"].dual_value, 0.0) - np.maximum(compiled["unbent"].dual_value, 0.0)
-    return presses(courses, places, unit * weights / limits, program.instants)
 
 
 @dataclass(frozen=True, slots=True)

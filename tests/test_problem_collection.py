@@ -25,7 +25,14 @@ FILES = collect([PROBLEMS])
 SLEWCERT = Path(sys.executable).with_name("slewcert")
 
 GAP = 1e-12  # relative; a regular optimum is claimed a double below and a double above its duration
-STAIRCASES = {"two_mass_one_switch": 1e-8, "two_mass_sampled": 0.0, "rigid_body_sampled": 0.0, "two_mass_fuel": 1e-6, "rigid_body_speed": 1e-5, "two_mass_spring_limit": 1e-5}
+STAIRCASES = {
+    "two_mass_one_switch": 1e-8,
+    "two_mass_sampled": 0.0,
+    "rigid_body_sampled": 0.0,
+    "two_mass_fuel": 1e-6,
+    "rigid_body_speed": 1e-5,
+    "two_mass_spring_limit": 1e-5,
+}
 """Degenerate optima: the upper side is a repaired staircase, 1e-9 beyond the minimum time or ten times that; samples are exact.
 With further limits both sides are those of a grid."""
 
@@ -47,6 +54,9 @@ FACTS = {
     "rigid_body_speed": 2.5,
     "two_mass_sampled": "6.75",
     "rigid_body_sampled": 2.0,
+    "emergency_stop": "3.1510411012",
+    "swinging_load": acos(-1 / 4),
+    "stop_and_return": 1 + sqrt(2),
     "pitch_state": "13.37",
     "pitch_tail": "3.31",
     "tail_touches_limits": "9.0910458905",

@@ -70,7 +70,13 @@ def pieces(roots: tuple[Root, ...], start: Chains, kicks: Sequence[Kick], end: a
         length = after - begin
         if length.is_zero():
             continue
-        yield length, Wave.of(roots, [part for root, chain in zip(roots, chains, strict=True) for c in chain for part in (c.real, c.imag)[: 1 + root.flexible]])
+        yield (
+            length,
+            Wave.of(
+                roots,
+                [part for root, chain in zip(roots, chains, strict=True) for c in chain for part in (c.real, c.imag)[: 1 + root.flexible]],
+            ),
+        )
         chains = [advanced(root, chain, length) for root, chain in zip(roots, chains, strict=True)]
 
 
@@ -144,7 +150,8 @@ def sensible(task: Any) -> None:
     require(plant.outputs.keys() == task.limits.deflection.keys(), "the outputs written are those whose deflection is limited")
     for name, limit in task.limits.deflection.items():
         numerator = plant.outputs[name]
-        fine = task.rest == "state" and task.box is None and task.limits.sample_time is None
-        require(fine, "limits on outputs belong to a state rest, without a box or a sample time")
-        require(limit > 0 and numerator[0] != 0 and len(numerator) < len(plant.denominator), f"the output {name} is limited, and strictly proper")
+        fine = task.rest == "state" and task.box is None and task.limits.sample_time is None and task.initial_state is None
+        require(fine, "limits on outputs belong to a state rest, without a box, a sample time or an initial state")
+        fine = limit > 0 and numerator[0] != 0 and len(numerator) < len(plant.denominator)
+        require(fine, f"the limit of the output {name} is more than 0, and it is strictly proper")
         require(abs(task.displacement * numerator[-1] / plant.numerator[-1]) <= limit, f"the output {name} rests beyond its limit")
