@@ -151,7 +151,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         upper = None if command is None else command.maneuver_time
         price = dual.price(problem)
         near = dual.maneuver_time if upper is None or problem.begin is not None else upper
-        lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.fuel, dual.pressed))
+        lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.fuel, dual.pressed, dual.ramps))
         if upper is not None:
             lower = min(lower, upper)
         costate = np.array(dual.problem.modal(dual.costate), dtype=float)
@@ -366,9 +366,19 @@ def _exponent(solution: programs.GridSolution) -> float:
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0
 
 
+def ramped(problem: Problem, instants: Reals, values: Reals) -> Command:
+    """The command that goes straight from value to value (deviations) at all nodes but the last, where it is at its final rest."""
+    slopes = np.diff(np.append(values, problem.hold)) / np.diff(instants)
+    pieces = zip(instants[:-1], values, slopes, strict=True)
+    segments = tuple(Segment(float(s), problem.absolute(float(v)), float(slope)) for s, v, slope in pieces)
+    return Command(float(instants[-1]), segments, Tail(problem.absolute(problem.hold)))
+
+
 def staircase(problem: Problem, solution: programs.GridSolution) -> Command:
     """The grid's own command, divided by α ≥ 1 so that it reaches the target itself; equal neighbours are one segment."""
     levels = solution.levels / solution.fraction
+    if problem.rate is not None:
+        return ramped(problem, solution.program.instants, np.concatenate([[0.0], levels[:-1]]))
     horizon, starts = solution.program.maneuver_time, solution.program.instants[:-1]
     keep = np.concatenate([[True], np.diff(levels) != 0.0])
     segments = tuple(Segment(float(s), problem.absolute(float(u))) for s, u in zip(starts[keep], levels[keep], strict=True))

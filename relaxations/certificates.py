@@ -18,6 +18,7 @@ from relaxations.boxes import Box, Polynomial
 from relaxations.courses import Press
 from relaxations.maneuvers import Problem
 from relaxations.plants import fraction
+from relaxations.ramps import Ramp
 
 Number = Fraction | float
 Numbers = Sequence[Number] | NDArray[np.float64]
@@ -64,6 +65,7 @@ def task(problem: Problem) -> dict[str, Any]:
         "rest": "output" if maneuver.tail else "state",
         "limits": {
             "input": [text(maneuver.limits.lower), text(maneuver.limits.upper)],
+            "rate": maneuver.limits.rate and [text(side) for side in maneuver.limits.rate],
             "deflection": {course.name: text(maneuver.limits.deflection[course.name]) for course in problem.courses},
             "fuel": None if maneuver.limits.fuel is None else text(maneuver.limits.fuel),
             "sample_time": None if maneuver.sample_time is None else text(maneuver.sample_time),
@@ -103,6 +105,7 @@ def costate_witness(
     multipliers: Sequence[tuple[Number, Number, Number]] = (),
     fuel: Number = Fraction(0),
     pressed: Sequence[Press] = (),
+    ramps: Sequence[Ramp] = (),
 ) -> dict[str, Any]:
     """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole; (instant, μ⁺, μ⁻) of the tail; μ of
     the fuel; the multipliers of courses."""
@@ -120,7 +123,8 @@ def costate_witness(
         plants.append(chains)
     written = [{"time": text(time), "upper": text(above), "lower": text(below)} for time, above, below in multipliers]
     presses = [{"output": p.course.name, "begin": text(p.begin), "end": text(p.end), "weight": text(p.weight)} for p in pressed]
-    others = {"fuel": text(fuel), "deflection": presses}
+    rates = [{"edges": [text(x) for x in ramp.edges], "levels": [text(x) for x in ramp.levels]} for ramp in ramps]
+    others = {"fuel": text(fuel), "deflection": presses, "ramps": rates}
     residuals = problem.residuals
     if residuals is None:
         return {"costate": plants, "tail": written, "samples": [], **others}

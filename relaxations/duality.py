@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from relaxations.courses import Press
 from relaxations.courses import sampled as sampled_costate
 from relaxations.maneuvers import Problem
+from relaxations.ramps import Ramp
+from relaxations.ramps import bound as ramped
 
 Reals = NDArray[np.float64]
 
@@ -132,6 +134,7 @@ class Costate:
     maneuver_time: float
     fuel: float = 0.0
     pressed: tuple[Press, ...] = ()
+    ramps: tuple[Ramp, ...] = ()
 
     @property
     def tail_multipliers(self) -> tuple[tuple[float, float, float], ...]:
@@ -145,7 +148,13 @@ class Costate:
 
 
 def lower_bound(
-    problem: Problem, costate: Reals, near: float, price: float = 0.0, fuel: float = 0.0, pressed: Sequence[Press] = ()
+    problem: Problem,
+    costate: Reals,
+    near: float,
+    price: float = 0.0,
+    fuel: float = 0.0,
+    pressed: Sequence[Press] = (),
+    ramps: Sequence[Ramp] = (),
 ) -> float:
     """The largest T_λ near `near` [s] at which (2) is violated beyond rounding, or 0: `λᵀ target - price = ∫_0^T σ(p)` by guarded Newton.
 
@@ -156,6 +165,11 @@ def lower_bound(
         return _sampled(problem, costate, near, price, fuel)
     if problem.begin is None and float(costate @ problem.target) <= price:
         return 0.0
+    if ramps and problem.rate is not None:
+        points = np.linspace(0.0, BEYOND * near, POINTS)
+        total, first = ramped(costate @ problem.rows(points), points, (problem.lower, problem.upper), problem.rate, fuel, ramps)
+        wanted = float(costate @ problem.target) + first * problem.hold - price
+        return float(np.interp(wanted, total, points)) if wanted > 0.0 else 0.0
     if pressed:
         return pressed_bound(problem, costate, near, float(costate @ problem.target) - price, fuel, pressed)
     low, high = 0.0, np.inf

@@ -22,6 +22,7 @@ from relaxations.frames import Frame
 from relaxations.initial import at_rest, moments, moved
 from relaxations.moments import Basis
 from relaxations.plants import Exact, LinearPlant, Pole, exact, fraction, roots
+from relaxations.ramps import hats
 from relaxations.tails import TailLength, TailSpace, caps, tail_columns
 
 Reals = NDArray[np.float64]
@@ -30,18 +31,26 @@ Reals = NDArray[np.float64]
 @dataclass(frozen=True, slots=True)
 class Limits:
     """Limits `lower ≤ u(t) ≤ upper`, absolute, input units, exact; where given, `∫_0^T |u - u_0| dt ≤ fuel` (input units · s), and by how
-    much each of these named outputs may leave its first rest value, ever (output units)."""
+    much each of these named outputs may leave its first rest value, ever (output units). With a `rate` the input is continuous, its slope
+    within these two (input units per second)."""
 
     lower: Fraction
     upper: Fraction
     fuel: Fraction | None = None
     deflection: Mapping[str, Fraction] = field(default_factory=dict)
+    rate: tuple[Fraction, Fraction] | None = None
 
     @staticmethod
-    def of(lower: Exact, upper: Exact, fuel: Exact | None = None, deflection: Mapping[str, Exact] | None = None) -> Limits:
+    def of(
+        lower: Exact,
+        upper: Exact,
+        fuel: Exact | None = None,
+        deflection: Mapping[str, Exact] | None = None,
+        rate: tuple[Exact, Exact] | None = None,
+    ) -> Limits:
         """From numbers as written; raises `ManeuverError` if they are not ascending."""
         deflections = {name: exact(limit) for name, limit in (deflection or {}).items()}
-        limits = Limits(exact(lower), exact(upper), None if fuel is None else exact(fuel), deflections)
+        limits = Limits(exact(lower), exact(upper), None if fuel is None else exact(fuel), deflections, rate and (exact(rate[0]), exact(rate[1])))
         if not limits.lower < limits.upper:
             raise ManeuverError(f"limits ascend: [{float(limits.lower)!r}, {float(limits.upper)!r}] leaves the input no room")
         return limits
@@ -98,6 +107,7 @@ class Problem:
     rest: float = 0.0
     fuel: float | None = None
     courses: tuple[Course, ...] = ()
+    rate: tuple[float, float] | None = None
     residuals: Residuals | None = None
     begin: Reals | None = None  # moments of an initial state
     notes: tuple[str, ...] = field(default=())
@@ -106,12 +116,19 @@ class Problem:
     @property
     def bang_bang(self) -> bool:
         """Whether the input's limits alone shape the command: it is then on one of them nearly everywhere."""
-        return self.residuals is None and self.fuel is None and not self.courses
+        return self.residuals is None and self.fuel is None and not self.courses and self.rate is None
 
     @property
     def eased(self) -> Problem:
         """The same without the limits that a bang-bang command may happen to respect."""
         return replace(self, fuel=None, courses=())
+
+    def table(self, instants: Reals) -> Reals:
+        """The moments at the end of the grid of a unit level in each cell, or of a unit value at each node but the first: (size, N)."""
+        if self.rate is not None:
+            return hats(self.rows, instants)
+        integrated = self.rows(instants[-1] - instants, 1)
+        return integrated[:, :-1] - integrated[:, 1:]
 
     @property
     def size(self) -> int:
@@ -261,6 +278,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         float(maneuver.rest),
         None if fuel is None else float(fuel),
         _courses(plants, maneuver),
+        _rate(maneuver),
         residuals,
         begin,
         (*(note for plant in plants for note in plant.notes), *sampling),
@@ -300,6 +318,19 @@ def _sampling(plants: Sequence[LinearPlant], maneuver: Maneuver) -> list[str]:
         for half in sorted(halves)
         if step > half
     ]
+
+
+def _rate(maneuver: Maneuver) -> tuple[float, float] | None:
+    """The limits of the slope; raises `ManeuverError` where they exclude 0, or for a task that they do not go with."""
+    rate = maneuver.limits.rate
+    if rate is None:
+        return None
+    if not rate[0] < 0 < rate[1]:
+        raise ManeuverError(f"limits of the slope contain 0, with room on either side, not [{float(rate[0])!r}, {float(rate[1])!r}]")
+    others = maneuver.tail, maneuver.box is not None, maneuver.sample_time is not None, maneuver.initial is not None
+    if any(others) or maneuver.limits.deflection:
+        raise ManeuverError("limits of the slope are a matter of rest to rest: no tail, box, sample time, initial state or deflection with them")
+    return float(rate[0]), float(rate[1])
 
 
 def _courses(plants: Sequence[LinearPlant], maneuver: Maneuver) -> tuple[Course, ...]:

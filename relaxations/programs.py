@@ -28,6 +28,7 @@ from relaxations.conditioning import framed
 from relaxations.courses import Motion, Press, motion, presses
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.maneuvers import Problem
+from relaxations.ramps import Ramp, priced
 from relaxations.tails import Looks, moduli
 
 Reals = NDArray[np.float64]
@@ -106,6 +107,12 @@ class GridSolution:
     status: str
     fuel: float = 0.0
     pressed: tuple[Press, ...] = ()
+
+    @property
+    def ramps(self) -> tuple[Ramp, ...]:
+        """Where the slope of the levels is on a limit."""
+        rate = self.problem.rate
+        return () if rate is None else priced(self.program.instants, self.levels, rate, self.fuel)
 
     @property
     def problem(self) -> Problem:
@@ -209,8 +216,7 @@ def _orthonormal(problem: Problem, instants: Reals) -> tuple[Reals, Reals, float
     """Q and R of the transposed table of moments on the grid, and the least share of a row that is not a combination of those before."""
     if not problem.size:
         return np.zeros((len(instants) - 1, 0)), np.zeros((0, 0)), 1.0
-    integrated = problem.rows(instants[-1] - instants, 1)
-    orthonormal, change = np.linalg.qr((integrated[:, :-1] - integrated[:, 1:]).T)
+    orthonormal, change = np.linalg.qr(problem.table(instants).T)
     with np.errstate(over="ignore"):  # what is too large to be measured counts as dependent
         lengths = np.linalg.norm(change, axis=0)
     return orthonormal, change, float(np.min(np.abs(np.diag(change)) / lengths[: len(change)]))
@@ -243,12 +249,14 @@ def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | N
 
 
 @lru_cache(maxsize=16)
-def _compiled(size: int, cells: int, coefficients: int, looks: int, budget: bool) -> dict[str, Any]:
+def _compiled(size: int, cells: int, coefficients: int, looks: int, budget: bool, ramps: bool) -> dict[str, Any]:
     """The parametrised cvxpy problem of one shape, compiled once (a re-solve then costs a tenth)."""
-    return _stated(size, cells, coefficients, looks, budget)
+    return _stated(size, cells, coefficients, looks, budget, ramps)
 
 
-def _stated(size: int, cells: int, coefficients: int, looks: int, budget: bool, motion: Motion | None = None) -> dict[str, Any]:
+def _stated(
+    size: int, cells: int, coefficients: int, looks: int, budget: bool, ramps: bool, motion: Motion | None = None
+) -> dict[str, Any]:
     """The cvxpy problem of one shape, by the names of its parameters, variables and constraints; courses are constants in it."""
     import cvxpy as cp
 
@@ -271,6 +279,10 @@ def _stated(size: int, cells: int, coefficients: int, looks: int, budget: bool, 
         shape = named["shapes"] @ named["tail"]
         named |= {"ceiling": shape <= fraction * named["above"], "floor": -shape <= fraction * named["below"]}
         limits += [named["ceiling"], named["floor"]]
+    if ramps:
+        named |= {"rising": cp.Parameter(cells), "falling": cp.Parameter(cells), "end": cp.Parameter()}
+        steps = levels - cp.hstack([0.0, levels[:-1]])
+        limits += [steps <= named["rising"], steps >= named["falling"], levels[-1] == fraction * named["end"]]
     if motion is not None:
         count, past = motion.states.shape
         named |= {"half": cp.Parameter(), "risen": cp.Parameter(count), "over": cp.Parameter(count), "under": cp.Parameter(count)}
@@ -289,7 +301,7 @@ def solve(program: GridProgram) -> GridSolution:
     from cvxpy.error import SolverError as NotSolvedError
 
     (looks, coefficients), cells, fuel = program.shapes.shape, program.rows.shape[1], program.problem.fuel
-    shape, motion = (*program.rows.shape, coefficients, looks if coefficients else 0, fuel is not None), program.motion
+    shape, motion = (*program.rows.shape, coefficients, looks if coefficients else 0, fuel is not None, program.problem.rate is not None), program.motion
     compiled = _compiled(*shape) if motion is None else _stated(*shape, motion)
     # Levels are measured in half the actuator's range, the target in its own length, a tail coefficient in what fills that range: every
     # number is then of order one.
@@ -305,6 +317,11 @@ def solve(program: GridProgram) -> GridSolution:
     width = program.maneuver_time / cells
     if fuel is not None:
         values |= {"widths": np.diff(program.instants) / width, "fuel": fuel / (half * width)}
+    if (rate := program.problem.rate) is not None:
+        steps = np.diff(program.instants) / half
+        values |= {"rising": rate[1] * steps, "falling": rate[0] * steps, "end": program.problem.hold / length}
+        if fuel is not None:  # nodes carry half of either cell
+            values["widths"] = (values["widths"] + np.append(values["widths"][1:], 0.0)) / 2
     if motion is not None:
         most = 1.0 - program.inside
         values |= {"half": half, "risen": half / length * motion.finals}

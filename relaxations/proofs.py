@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations import certificates, programs
-from relaxations.bounds import CUTS, Bound, Settings, Status, bracket, contacts, cut, extended, instants
+from relaxations.bounds import CUTS, Bound, Settings, Status, bracket, contacts, cut, extended, instants, ramped
 from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
@@ -108,7 +108,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
             return Bound(Status.IMPOSSIBLE, 0.0, None, nothing, None, None, None, 0, time.perf_counter() - begun, certificate=content)
     proof, found, count, trouble = Proof(), None, 0, None
     gridded = problem.maneuver.sample_time is not None
-    if problem.courses:
+    if problem.courses or problem.rate is not None:
         chosen = replace(chosen.finer(2), tolerance=max(chosen.tolerance, CLOSE))
     look = sampled_bracket if gridded else bracket
     if not gridded and problem.eased.bang_bang and not problem.bang_bang and (first := _at_ease(problem, task, chosen)) is not None:
@@ -122,7 +122,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         count += looked.programs
         found = looked if found is None or (found.switches is None and looked.switches is not None) else found
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
-        enough = REGULAR if problem.bang_bang else ROBUST if problem.residuals else COURSED if problem.courses else LIMITED
+        enough = REGULAR if problem.bang_bang else ROBUST if problem.residuals else COURSED if problem.courses or problem.rate else LIMITED
         if gridded or proof.gap <= enough or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
             break
     if found is None:
@@ -223,8 +223,8 @@ def _near(problem: Problem, found: Bound, dual: Extremal | programs.GridSolution
 
 def _lower(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
-    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.fuel, dual.pressed)
-    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.fuel, dual.pressed)
+    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.fuel, dual.pressed, dual.ramps)
+    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.fuel, dual.pressed, dual.ramps)
     step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS]
     if step is not None:
         claims = [problem.on_grid(value) - k * step for k in (0, 1)]
@@ -299,7 +299,7 @@ def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: 
 def _grids(problem: Problem, found: Bound, settings: Settings) -> Iterator[tuple[Reals, float]]:
     """Grids a little beyond a bracket's upper side, and by what fraction limits after the move are tightened on each."""
     assert found.upper is not None
-    beyonds = BEYOND if problem.residuals is None and not problem.courses else BEYOND[-4:]
+    beyonds = BEYOND if problem.residuals is None and not problem.courses and problem.rate is None else BEYOND[-4:]
     if problem.maneuver.sample_time is None:
         yield from ((instants(problem, found.upper * (1.0 + beyond), settings), beyond / 4.0) for beyond in beyonds)
     elif found.above is not None:
@@ -350,6 +350,9 @@ def _instant(problem: Problem, task: dict[str, Any], found: Bound) -> Proof:
 
 
 def _staircase(problem: Problem, fixed: Repaired) -> Command:
+    if problem.rate is not None:
+        levels = np.array([float(level - problem.maneuver.rest) for level in fixed.levels])
+        return ramped(problem, np.append(fixed.starts, fixed.maneuver_time), levels)
     segments = tuple(Segment(float(s), float(v)) for s, v in zip(fixed.starts, fixed.levels, strict=True))
     duration = _rounded(problem.on_grid(fixed.maneuver_time), np.inf)
     return Command(duration, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(fixed.tail)))

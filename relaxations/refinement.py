@@ -17,6 +17,7 @@ from relaxations.commands import Command, Segment, Tail
 from relaxations.courses import Press
 from relaxations.duality import costate_roots
 from relaxations.maneuvers import Problem
+from relaxations.ramps import Ramp
 from relaxations.tails import NO_TAIL, Contact, TailStart
 
 Reals = NDArray[np.float64]
@@ -48,6 +49,7 @@ class Extremal:
     tail: TailStart = NO_TAIL
     fuel: float = 0.0  # multipliers of further limits, which an extremal does not have
     pressed: tuple[Press, ...] = ()
+    ramps: tuple[Ramp, ...] = ()
 
     def levels(self, problem: Problem) -> Reals:
         """Deviation of the input on each arc, in order of time to go."""

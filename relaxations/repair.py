@@ -78,6 +78,8 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     reach = upper - lower
     levels = np.clip(solution.levels, lower, upper)
     levels = np.where(levels > upper - snap * reach, upper, np.where(levels < lower + snap * reach, lower, levels)) / solution.fraction
+    if problem.rate is not None:
+        return _ramped(solution, levels)
     if problem.fuel is not None:  # where the fuel is not worth its price the input rests
         levels = np.where(np.abs(levels) < snap * reach, 0.0, levels)
     for limit in (lower, upper):
@@ -124,3 +126,40 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
         tuple(int(i) - len(levels) for i in free if i >= len(levels)),
         float(min(left.min(initial=np.inf), play.min(initial=np.inf) if len(free) > len(chosen) else np.inf)) / 4,
     )
+
+
+def _ramped(solution: GridSolution, levels: Reals) -> Repaired | None:
+    """The same of node values: a node has as much room as its own limits and the slopes on either side leave it."""
+    problem = solution.problem
+    assert problem.rate is not None
+    instants, values = solution.program.instants, np.append(levels[:-1], problem.hold)
+    nodes = np.concatenate([[0.0], values])
+    keep = np.ones(len(nodes), dtype=bool)
+    keep[1:-1] = (nodes[1:-1] != nodes[:-2]) | (nodes[1:-1] != nodes[2:])  # in the middle of what is level
+    between = np.array([np.interp(instants[1:], instants[keep], unit) for unit in np.eye(int(keep.sum()))])[1:]
+    table, size = problem.table(instants) @ between.T, problem.size
+    instants, values = instants[keep], values[keep[1:]]
+    free: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+    for turn in range(4):
+        slopes = np.diff(np.concatenate([[0.0], values])) / np.diff(instants)
+        spare = np.minimum(problem.rate[1] - slopes, slopes - problem.rate[0]) * np.diff(instants)
+        room = np.minimum(problem.upper - values, values - problem.lower)
+        room[:-1] = np.minimum(room[:-1], np.minimum(spare[:-1], spare[1:]))
+        room[-1] = 0.0
+        if turn == 0:
+            weights = np.maximum(room, 0.0)
+            if np.count_nonzero(weights) < size:
+                return None
+            free = np.sort(pivots(np.linalg.qr((table * weights).T)[0].T)[:size])
+        if turn == 3:
+            break
+        residual = problem.target - table @ values
+        rows = np.abs(table * np.where(values == 0.0, 1.0, np.abs(values))).sum(axis=1)
+        values = values.copy()
+        values[free] += np.linalg.lstsq(table[:, free] / rows[:, None], residual / rows, rcond=None)[0]
+    left = float(room[free].min())
+    if not left > 0.0:
+        return None
+    starts = np.concatenate([[0.0], values[:-1]])
+    absolute = tuple(problem.maneuver.rest + Fraction(float(level)) for level in starts)
+    return Repaired(solution.maneuver_time, instants[:-1], absolute, np.zeros(0), tuple(int(i) + 1 for i in free), (), float(left) / 4)

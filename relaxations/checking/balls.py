@@ -61,6 +61,13 @@ class Root:
             values[k] = below = b * s / (k + 1) if self.value.is_zero() else (b - below) / self.value
         return values
 
+    def ramp(self, s: arb) -> list[acb]:
+        """R_k(s) = ∫_0^s S_k, by parts: R_k = (S_k - R_{k-1}) / p with R_{-1} = s."""
+        values, below = self.step(s), acb(s)
+        for k, step in enumerate(values):
+            values[k] = below = step * s / (k + 2) if self.value.is_zero() else (step - below) / self.value
+        return values
+
     def before(self, zero: Root, power: int, unit: acb) -> list[acb]:
         """The moments for an input `Re unit r^l/l! e^{zr}` after the move: (-1)^l C(k+l, l) / (z - p)^{k+l+1}, half each for z and z*."""
         one, other = 1 / (zero.value - self.value), 1 / (zero.value.conjugate() - self.value)

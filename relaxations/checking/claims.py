@@ -12,7 +12,7 @@ from typing import Any
 import flint
 from flint import fmpq
 
-from relaxations.checking import boxes, courses, lower, upper
+from relaxations.checking import boxes, courses, lower, ramps, upper
 from relaxations.checking.balls import system, work
 from relaxations.checking.reading import Malformed, Refuted, Undecided, read
 
@@ -67,6 +67,7 @@ def check(content: bytes) -> Check:
             try:
                 boxes.sensible(certificate.task)
                 courses.sensible(certificate.task)
+                ramps.sensible(certificate.task, certificate.lower)
                 posed = system(certificate.task)
                 if claimed.impossible is not None:
                     lower.impossible(posed, claimed.impossible)
@@ -124,6 +125,8 @@ def claim(found: Check) -> str:
     for name, limit in task["limits"]["deflection"].items():
         above = ", ".join(task["plants"][0]["outputs"][name])
         lines.append(f"  The output {name}, numerator [{above}], never leaves its first rest value by more than {limit}.")
+    if rate := task["limits"]["rate"]:
+        lines.append(f"  u is continuous from its first rest to its last, and its slope stays in [{rate[0]}, {rate[1]}].")
     lines += boxes.promises(task)
     who = "no measurable command within the limits"
     if step := task["limits"]["sample_time"]:

@@ -21,7 +21,7 @@ from typing import Any
 import flint
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes, courses
+from relaxations.checking import boxes, courses, ramps
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -133,6 +133,18 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     last = ((time / step).ceil() - 1) * step if step else time  # the longest moves that are refuted: who rests sooner is at rest then, too
     aim = system.target - system.drift(arb(last))
     gain = sum((a * b for a, b in zip(numbers.entries(), aim.entries(), strict=True)), relief - price)
+    if system.task.limits.rate is not None:
+        entries, end = numbers.entries(), arb(time).upper()
+        size = sum((abs(a * b) for a, b in zip(entries, aim.entries(), strict=True)), arb(0))
+        fine = (size / end * arb(2) ** (-flint.ctx.prec // 2)).lower()
+        right, first = ramps.most(
+            system, entries, witness, end, lambda *wave: support(*wave, fine), lambda q: parts(system, q, witness.fuel)
+        )
+        if right < gain + first * arb(system.rest):
+            return
+        if right > gain + first * arb(system.rest):
+            raise Refuted("the lower bound's inequality (2) is false for this costate and these ramps at the time that is claimed")
+        raise Undecided("the lower bound's inequality (2) is undecided at this precision")
     if gain <= 0:
         raise Refuted("the lower bound's inequality (2) is false for this costate, whatever the input")
     if not gain > 0:

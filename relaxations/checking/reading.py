@@ -104,6 +104,7 @@ LIMITS = {
     "input": PAIR,
     "fuel": (None, real),
     "deflection": deflections,
+    "rate": (None, PAIR),
     "sample_time": (None, real),
     "tail_length": (None, LENGTH),
     "zero_sensitivity": sensitivities,
@@ -130,8 +131,9 @@ CHAINS: list[Any] = [{"near": PAIR, "coefficients": [PAIR, 0, MOST_POLES]}, 0, M
 CONTACTS: list[Any] = [{"time": real, "upper": real, "lower": real}, 0, MOST_CONTACTS]
 # … and of the residuals of plants at places in the box, and the one of the fuel
 PRESSES: list[Any] = [{"output": name, "begin": real, "end": real, "weight": real}, 0, MOST_CONTACTS]
+RAMPS: list[Any] = [{"edges": [real, 2, 1000], "levels": [real, 1, 1000]}, 0, MOST_CONTACTS]
 SAMPLES: list[Any] = [{"place": [real, 1, 8], "residual": CONTACTS}, 0, 1000]
-LOWER = {"costate": [CHAINS, 1, 1], "tail": CONTACTS, "samples": SAMPLES, "fuel": real, "deflection": PRESSES}
+LOWER = {"costate": [CHAINS, 1, 1], "tail": CONTACTS, "samples": SAMPLES, "fuel": real, "deflection": PRESSES, "ramps": RAMPS}
 # A command near an exact solution: absolute levels from their starts on, then a tail. `free` names its unknowns, each within `radius` of
 # what is written: ["time", 0, 0], ["start" or "level", i, 0] of segment i, ["re" or "im", i, k] of coefficient k of the tail's chain i.
 SEGMENTS = [{"start": real, "level": real}, 0, MOST_SEGMENTS]

@@ -13,7 +13,7 @@ from typing import Any
 
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes, courses
+from relaxations.checking import boxes, courses, ramps
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -33,6 +33,9 @@ def as_written(system: System, witness: Any) -> tuple[list[Number], list[int]]:
     require(len(set(witness.free)) == len(witness.free), "upper.free names an unknown twice")
     levels = [segment.level - system.task.initial_input for segment in witness.segments]
     command = [witness.maneuver_time, *(segment.start for segment in witness.segments), *levels, *tail]
+    if system.task.limits.rate is not None:
+        fine = all(kind == "level" and i > 0 for kind, i, _ in witness.free)
+        require(fine, "with limits of the slope the unknowns are levels, the first one excepted")
     if step := system.task.limits.sample_time:
         fixed = all((instant / step).q == 1 for instant in command[: n + 1]) and all(kind == "level" for kind, _, _ in witness.free)
         require(fixed, "with a sample time all instants are exact multiples of it, and none is an unknown")
@@ -43,6 +46,8 @@ def residual(system: System, n: int, command: list[Number]) -> arb_mat:
     """The moments of the command minus where they must be, tail included."""
     tail = command[2 * n + 1 :]
     total = system.drift(arb(command[0])) - system.target - system.columns * arb_mat(len(tail), 1, tail)
+    if system.task.limits.rate is not None:
+        return total + ramps.moments(system, command, n)
     for start, (before, level) in zip(command[1 : n + 1], pairwise([fmpq(0), *command[n + 1 : 2 * n + 1]]), strict=True):
         if not arb(level - before).is_zero():
             total += flat(system.roots, Root.step, arb(command[0] - start)) * arb(level - before)
@@ -56,6 +61,8 @@ def derivative(system: System, n: int, command: list[Number], place: int) -> arb
     def begun(entries: Any, i: int) -> arb_mat:
         return flat(system.roots, entries, arb(command[0] - instants[i]))
 
+    if system.task.limits.rate is not None:
+        return ramps.derivative(system, command, n, place - n - 1)
     if place == 0:
         return sum((begun(Root.impulse, i) * arb(levels[i + 1] - levels[i]) for i in range(n)), system.drift(arb(command[0]), True))
     if place <= n:
@@ -176,9 +183,13 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         at_most(level, system.upper, f"level {i} is below its limit")
     if system.task.limits.fuel is not None:
         instants = [*command[1 : n + 1], command[0]]
-        burnt = (abs(arb(level)) * arb(b - a) for level, (a, b) in zip(command[n + 1 : 2 * n + 1], pairwise(instants), strict=True))
-        at_most(sum(burnt, arb(0)), system.task.limits.fuel, "the move uses no more fuel than there is")
+        levels = command[n + 1 : 2 * n + 1]
+        burnt = (abs(arb(level)) * arb(b - a) for level, (a, b) in zip(levels, pairwise(instants), strict=True))
+        ramped = system.task.limits.rate is not None
+        at_most(ramps.burnt([*levels, system.rest], instants) if ramped else sum(burnt, arb(0)), system.task.limits.fuel, "the move uses no more fuel than there is")
     courses.prove(system, n, command)
+    if system.task.limits.rate is not None:
+        ramps.prove(system, command, n)
     tail_limits(system, n, command)
     for places, cap in system.capped:
         at_most(abs(acb(*(arb(command[2 * n + 1 + place]) for place in places))), cap, "the tail is insensitive to a zero's place")
