@@ -295,6 +295,14 @@ def linearize(
 @main.command()
 @click.argument("kind")
 @click.option("--mode", "modes", multiple=True, metavar="FREQUENCY(Hz|rad/s):DAMPING", help="A mode, such as 1.0Hz:0.05; one or several.")
+@click.option(
+    "--decay",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Take the modes from a measured decay: a table (CSV; times first) or a log (MCAP).",
+)
+@click.option("--signal", metavar="NAME", help="Which column, variable, or /topic.field of JSON messages of the decay.")
+@click.option("--from", "begin", type=float, help="Seconds: where the decay begins; default: the start, or where a log's command ends.")
+@click.option("--until", type=float, help="Seconds: where it ends.")
 @click.option("--tolerance", type=float, default=0.05, show_default=True, help="Residual vibration allowed, a fraction of the unshaped.")
 @click.option(
     "--band",
