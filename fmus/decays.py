@@ -137,7 +137,7 @@ def _starts(even: Reals, step: float, count: int) -> list[Reals]:
     """First frequencies and dampings (2 count,), one start for each order tried."""
     with np.errstate(all="ignore"):
         # The realisation begins behind the second sample of a response to a pulse: the decay is put there.
-        instants = step * np.arange(len(even) + 2)
+        instants: Reals = np.arange(len(even) + 2, dtype=np.float64) * step
         padded = np.concatenate([[0.0, 0.0], even])
         matrix, _ = realize(Record(instants, np.zeros(1), np.zeros(1), padded))
     starts = []
@@ -149,7 +149,7 @@ def _starts(even: Reals, step: float, count: int) -> list[Reals]:
         kept = [p for p in poles.tolist() if 1e-9 < p.imag < COARSE / step and p.real < 0.05 * abs(p)]
         if len(kept) < count:
             continue
-        table = np.exp(np.multiply.outer(step * np.arange(len(even)), np.array(kept)))
+        table: NDArray[np.complex128] = np.exp(np.multiply.outer(step * np.arange(len(even)), np.array(kept, dtype=np.complex128)))
         weights = np.linalg.lstsq(np.hstack([table.real, -table.imag]), even, rcond=None)[0]
         sizes = np.hypot(weights[: len(kept)], weights[len(kept) :]) * np.sqrt(np.mean(np.abs(table) ** 2, axis=0))
         chosen = [kept[i] for i in np.argsort(-sizes).tolist()[:count]]
@@ -173,7 +173,7 @@ def _fitted(start: Reals, t: Reals, y: Reals) -> _Fit | None:
 
     def solved(x: Reals) -> tuple[Reals, Reals]:
         table = _table(x[:count] * scale[:count], x[count:], t)
-        coefficients = np.linalg.lstsq(table, y, rcond=None)[0]
+        coefficients: Reals = np.linalg.lstsq(table, y, rcond=None)[0].astype(np.float64)
         return coefficients, table @ coefficients - y
 
     def left_over(x: Reals) -> Reals:
