@@ -272,7 +272,7 @@ def _stated(size: int, cells: int, coefficients: int, looks: int, budget: bool, 
         named |= {"ceiling": shape <= fraction * named["above"], "floor": -shape <= fraction * named["below"]}
         limits += [named["ceiling"], named["floor"]]
     if motion is not None:
-        count, past = motion.states.shape
+        count, past = len(motion.places), motion.unknowns
         named |= {"half": cp.Parameter(), "risen": cp.Parameter(count), "over": cp.Parameter(count), "under": cp.Parameter(count)}
         moments = cp.Variable(past)
         course = named["half"] * (motion.bends @ levels + motion.states @ moments) - fraction * named["risen"]
@@ -289,8 +289,11 @@ def solve(program: GridProgram) -> GridSolution:
     from cvxpy.error import SolverError as NotSolvedError
 
     (looks, coefficients), cells, fuel = program.shapes.shape, program.rows.shape[1], program.problem.fuel
-    shape, motion = (*program.rows.shape, coefficients, looks if coefficients else 0, fuel is not None), program.motion
-    compiled = _compiled(*shape) if motion is None else _stated(*shape, motion)
+    size, motion, imposed = len(program.rows), program.motion, looks if coefficients else 0
+    if motion is None:
+        compiled = _compiled(size, cells, coefficients, imposed, fuel is not None)
+    else:
+        compiled = _stated(size, cells, coefficients, imposed, fuel is not None, motion)
     # Levels are measured in half the actuator's range, the target in its own length, a tail coefficient in what fills that range: every
     # number is then of order one.
     half = (program.upper - program.lower) / 2
