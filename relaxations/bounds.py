@@ -151,7 +151,9 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         upper = None if command is None else command.maneuver_time
         price = dual.price(problem)
         near = dual.maneuver_time if upper is None or problem.begin is not None else upper
-        lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.fuel, dual.pressed, dual.ramps))
+        lower = float(
+            lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.fuel, dual.pressed, dual.ramps)
+        )
         if upper is not None:
             lower = min(lower, upper)
         costate = np.array(dual.problem.modal(dual.costate), dtype=float)

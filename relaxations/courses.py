@@ -93,7 +93,7 @@ class Motion:
     """The courses of the levels u of a grid, in units of their limits: `bends u + states z` where `flow u + past z = 0`.
 
     z are the moments at the end of every block of some cells, so that all four are sparse: what a place sees of the move's beginning, it
-    sees through them. A row of bends belongs to a place (course, fraction of the move); `finals` (k,) is where it ends.
+    sees through them, so many `unknowns`. A row of bends belongs to a place (course, fraction of the move); it ends at `finals` (k,).
     """
 
     places: Reals
@@ -102,6 +102,7 @@ class Motion:
     flow: csr_array
     past: csr_array
     finals: Reals
+    unknowns: int
 
 
 def motion(courses: Sequence[Course], instants: Reals, extra: Reals, ramps: bool = False) -> Motion:
@@ -139,8 +140,15 @@ def motion(courses: Sequence[Course], instants: Reals, extra: Reals, ramps: bool
             begun, rows = begun + n, rows + n
     finals = np.array([courses[int(number)].final / courses[int(number)].limit for number in places[:, 0]])
     count = len(places)
-    shapes = ((count, cells), (count, begun), (rows, cells), (rows, begun))
-    return Motion(places, *(entries.array(shape) for entries, shape in zip((bends, states, flow, past), shapes, strict=True)), finals)
+    return Motion(
+        places,
+        bends.array((count, cells)),
+        states.array((count, begun)),
+        flow.array((rows, cells)),
+        past.array((rows, begun)),
+        finals,
+        begun,
+    )
 
 
 def _reached(basis: Basis, nodes: Reals, times: Reals, ramps: bool) -> Reals:
@@ -163,7 +171,7 @@ class _Entries:
     """The entries of a sparse matrix, block by block."""
 
     def __init__(self) -> None:
-        self.blocks: list[tuple[Reals, Reals, Reals]] = []
+        self.blocks: list[tuple[NDArray[np.intp], NDArray[np.intp], Reals]] = []
 
     def add(self, rows: NDArray[np.intp], columns: NDArray[np.intp], values: Reals) -> None:
         self.blocks.append((np.repeat(rows, len(columns)), np.tile(columns, len(rows)), values.ravel()))
@@ -172,7 +180,7 @@ class _Entries:
         if not self.blocks:
             return csr_array(shape)
         rows, columns, values = (np.concatenate(parts) for parts in zip(*self.blocks, strict=True))
-        return coo_array((values, (rows.astype(int), columns.astype(int))), shape=shape).tocsr()
+        return csr_array(coo_array((values, (rows, columns)), shape=shape))
 
 
 def exceeded_places(courses: Sequence[Course], instants: Reals, levels: Reals, share: float, ramps: bool = False) -> Reals:

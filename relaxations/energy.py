@@ -8,12 +8,37 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations import programs
 from relaxations.maneuvers import Problem
+
+Reals = NDArray[np.float64]
 
 CLOSE, ENERGIES = 1.05, 60  # ratio of the two times that the energy's estimate ends with, and how many it may look at
 ASIDE = 1.02  # how far to one side of the root it looks
+NEGLIGIBLE = 1e-10  # of a row: combinations of rows that are as small as that are not looked at
 LONGER = 1.1  # than what the energy alone needs: where the first program is solved
+
+
+def energy_bound(problem: Problem, instants: Reals) -> float:
+    """What α cannot exceed on the grid of `instants` [s], for the command's energy alone: no program is solved.
+
+    For every y with `yᵀ target = 1` that is orthogonal to the tail's columns, `α = yᵀ A u ≤ |Aᵀ y| |u|`; the best y is a least-squares
+    problem. That holds for the rounded one too, so that dependent rows do no harm.
+    """
+    widths = np.sqrt(np.diff(instants))
+    integrated = problem.rows(instants[-1] - instants, 1)
+    change = np.linalg.qr(((integrated[:, :-1] - integrated[:, 1:]) / widths).T, mode="r")
+    lengths = np.linalg.norm(change, axis=0)
+    left, sizes, _ = np.linalg.svd((change / lengths).T)
+    sizes = np.append(sizes, np.zeros(len(left) - len(sizes)))
+    damped = np.hypot(sizes, NEGLIGIBLE)
+    wanted, free = (
+        left.T @ (column.T / lengths).T / damped[:, None] for column in (problem.aimed(float(instants[-1]))[:, None], problem.tail.columns)
+    )
+    best = (wanted - free @ np.linalg.lstsq(free, wanted, rcond=None)[0])[:, 0]
+    energy = max(abs(problem.lower), abs(problem.upper)) * np.sqrt(instants[-1])
+    least = float(np.linalg.norm(best))
+    reached = least <= NEGLIGIBLE * float(np.linalg.norm(wanted))  # by the tail, which may be as large as it likes here
+    return np.inf if reached else float(energy * np.linalg.norm(sizes / damped * best)) / least / least
 
 
 def energy_time(problem: Problem, grid: Callable[[float], NDArray[np.float64]], guess: float, farthest: float) -> float:
@@ -21,7 +46,7 @@ def energy_time(problem: Problem, grid: Callable[[float], NDArray[np.float64]], 
     low, high, horizon = 0.0, math.inf, guess
     seen: dict[float, float] = {}  # log α there
     for count in range(ENERGIES):
-        most = programs.energy_bound(problem, grid(horizon))
+        most = energy_bound(problem, grid(horizon))
         low, high = (horizon, high) if most < 1.0 else (low, horizon)
         if math.isinf(most) or high <= CLOSE * low or low >= farthest:
             break

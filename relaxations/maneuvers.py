@@ -50,7 +50,9 @@ class Limits:
     ) -> Limits:
         """From numbers as written; raises `ManeuverError` if they are not ascending."""
         deflections = {name: exact(limit) for name, limit in (deflection or {}).items()}
-        limits = Limits(exact(lower), exact(upper), None if fuel is None else exact(fuel), deflections, rate and (exact(rate[0]), exact(rate[1])))
+        limits = Limits(
+            exact(lower), exact(upper), None if fuel is None else exact(fuel), deflections, rate and (exact(rate[0]), exact(rate[1]))
+        )
         if not limits.lower < limits.upper:
             raise ManeuverError(f"limits ascend: [{float(limits.lower)!r}, {float(limits.upper)!r}] leaves the input no room")
         return limits
@@ -329,7 +331,9 @@ def _rate(maneuver: Maneuver) -> tuple[float, float] | None:
         raise ManeuverError(f"limits of the slope contain 0, with room on either side, not [{float(rate[0])!r}, {float(rate[1])!r}]")
     others = maneuver.tail, maneuver.box is not None, maneuver.sample_time is not None, maneuver.initial is not None
     if any(others) or maneuver.limits.deflection:
-        raise ManeuverError("limits of the slope are a matter of rest to rest: no tail, box, sample time, initial state or deflection with them")
+        raise ManeuverError(
+            "limits of the slope are a matter of rest to rest: no tail, box, sample time, initial state or deflection with them"
+        )
     return float(rate[0]), float(rate[1])
 
 

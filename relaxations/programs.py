@@ -49,7 +49,6 @@ SMALL = 1e-4  # of the largest limited coefficient: smaller ones are not scaled 
 RESIDUAL = 1e-8  # relative; the solver's 1e-10 with room for limits far from the amplitudes used
 DEPENDENT, LOOSE = 1e-4, 1e-2  # what a row adds to those before it, relative to it: where it is less a frame, or another one, is made
 MARGIN = 0.02  # how much longer than the move a frame is, so that it serves for the moves that are looked at next
-NEGLIGIBLE = 1e-10  # of a row: combinations of rows that are as small as that are not looked at
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,29 +188,6 @@ def build(problem: Problem, instants: Reals, looks: Looks | None = None, inside:
     return GridProgram(*moves, at.instants, shapes, above, below, bounds, tuple(cap.at for cap in tail.caps), *bent)
 
 
-def energy_bound(problem: Problem, instants: Reals) -> float:
-    """What α cannot exceed on the grid of `instants` [s], for the command's energy alone: no program is solved.
-
-    For every y with `yᵀ target = 1` that is orthogonal to the tail's columns, `α = yᵀ A u ≤ |Aᵀ y| |u|`; the best y is a least-squares
-    problem. That holds for the rounded one too, so that dependent rows do no harm.
-    """
-    widths = np.sqrt(np.diff(instants))
-    integrated = problem.rows(instants[-1] - instants, 1)
-    change = np.linalg.qr(((integrated[:, :-1] - integrated[:, 1:]) / widths).T, mode="r")
-    lengths = np.linalg.norm(change, axis=0)
-    left, sizes, _ = np.linalg.svd((change / lengths).T)
-    sizes = np.append(sizes, np.zeros(len(left) - len(sizes)))
-    damped = np.hypot(sizes, NEGLIGIBLE)
-    wanted, free = (
-        left.T @ (column.T / lengths).T / damped[:, None] for column in (problem.aimed(float(instants[-1]))[:, None], problem.tail.columns)
-    )
-    best = (wanted - free @ np.linalg.lstsq(free, wanted, rcond=None)[0])[:, 0]
-    energy = max(abs(problem.lower), abs(problem.upper)) * np.sqrt(instants[-1])
-    least = float(np.linalg.norm(best))
-    reached = least <= NEGLIGIBLE * float(np.linalg.norm(wanted))  # by the tail, which may be as large as it likes here
-    return np.inf if reached else float(energy * np.linalg.norm(sizes / damped * best)) / least / least
-
-
 def _orthonormal(problem: Problem, instants: Reals) -> tuple[Reals, Reals, float]:
     """Q and R of the transposed table of moments on the grid, and the least share of a row that is not a combination of those before."""
     if not problem.size:
@@ -284,7 +260,7 @@ def _stated(
         steps = levels - cp.hstack([0.0, levels[:-1]])
         limits += [steps <= named["rising"], steps >= named["falling"], levels[-1] == fraction * named["end"]]
     if motion is not None:
-        count, past = motion.states.shape
+        count, past = len(motion.places), motion.unknowns
         named |= {"half": cp.Parameter(), "risen": cp.Parameter(count), "over": cp.Parameter(count), "under": cp.Parameter(count)}
         moments = cp.Variable(past)
         course = named["half"] * (motion.bends @ levels + motion.states @ moments) - fraction * named["risen"]
@@ -301,8 +277,11 @@ def solve(program: GridProgram) -> GridSolution:
     from cvxpy.error import SolverError as NotSolvedError
 
     (looks, coefficients), cells, fuel = program.shapes.shape, program.rows.shape[1], program.problem.fuel
-    shape, motion = (*program.rows.shape, coefficients, looks if coefficients else 0, fuel is not None, program.problem.rate is not None), program.motion
-    compiled = _compiled(*shape) if motion is None else _stated(*shape, motion)
+    size, motion, imposed, ramps = len(program.rows), program.motion, looks if coefficients else 0, program.problem.rate is not None
+    if motion is None:
+        compiled = _compiled(size, cells, coefficients, imposed, fuel is not None, ramps)
+    else:
+        compiled = _stated(size, cells, coefficients, imposed, fuel is not None, ramps, motion)
     # Levels are measured in half the actuator's range, the target in its own length, a tail coefficient in what fills that range: every
     # number is then of order one.
     half = (program.upper - program.lower) / 2

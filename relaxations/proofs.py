@@ -109,7 +109,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
     proof, found, count, trouble = Proof(), None, 0, None
     gridded = problem.maneuver.sample_time is not None
     if problem.courses or problem.rate is not None:
-        chosen = replace(chosen.finer(2), tolerance=max(chosen.tolerance, CLOSE))
+        chosen = replace(chosen.finer(4 if problem.rate is not None else 2), tolerance=max(chosen.tolerance, CLOSE))
     look = sampled_bracket if gridded else bracket
     if not gridded and problem.eased.bang_bang and not problem.bang_bang and (first := _at_ease(problem, task, chosen)) is not None:
         return replace(first, seconds=time.perf_counter() - begun)
@@ -123,7 +123,8 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         found = looked if found is None or (found.switches is None and looked.switches is not None) else found
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
         enough = REGULAR if problem.bang_bang else ROBUST if problem.residuals else COURSED if problem.courses or problem.rate else LIMITED
-        if gridded or proof.gap <= enough or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
+        late = problem.rate is not None and factor > 1  # finer grids gain little: the solver's own digits end
+        if gridded or late or proof.gap <= enough or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
             break
     if found is None:
         # Nothing is known then but that no time is less than 0.
@@ -223,7 +224,9 @@ def _near(problem: Problem, found: Bound, dual: Extremal | programs.GridSolution
 
 def _lower(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
-    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.fuel, dual.pressed, dual.ramps)
+    value = lower_bound(
+        *extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.fuel, dual.pressed, dual.ramps
+    )
     witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.fuel, dual.pressed, dual.ramps)
     step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS]
     if step is not None:

@@ -80,7 +80,9 @@ def priced(instants: Reals, values: Reals, rate: tuple[float, float], fuel: floa
     return tuple(kept)
 
 
-def bound(p: Reals, points: Reals, limits: tuple[float, float], rate: tuple[float, float], fuel: float, ramps: Sequence[Ramp]) -> tuple[Reals, float]:
+def bound(
+    p: Reals, points: Reals, limits: tuple[float, float], rate: tuple[float, float], fuel: float, ramps: Sequence[Ramp]
+) -> tuple[Reals, float]:
     """The integrand's integral from 0 to each of the fine `points` where p is known, and q(0): trapezoidal rule."""
 
     def supported(x: Reals, low: float, high: float) -> Reals:

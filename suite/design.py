@@ -83,6 +83,7 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
             Fraction(limits.upper),
             None if limits.fuel is None else Fraction(limits.fuel),
             {plant.output if name == study.plant.output else name: Fraction(limit) for name, limit in limits.deflection.items()},
+            limits.rate and (Fraction(limits.rate[0]), Fraction(limits.rate[1])),
         ),
         Fraction(study.plant.initial_input),
         0 if robust == "box" else robust,

@@ -132,7 +132,8 @@ class Limits:
     """`lower ≤ u(t) ≤ upper`, absolute, input units; `∫_0^T |u - u_0| dt ≤ fuel` (input units · s); of a tail also (seconds after
     the move, fraction of the nearer limit's distance), and (shift as a fraction of its magnitude, residual as a fraction of the
     displacement) for zeros that may be elsewhere, by name. With a `sample_time` [s] the input is constant over each sample.
-    No output named in `deflection` leaves its first rest value by more than that (output units)."""
+    No output named in `deflection` leaves its first rest value by more than that (output units). With a `rate` the input is continuous, its
+    slope between these two (input units per second)."""
 
     lower: Decimal
     upper: Decimal
@@ -141,6 +142,7 @@ class Limits:
     sample_time: Decimal | None = None
     fuel: Decimal | None = None
     deflection: Mapping[str, Decimal] = field(default_factory=dict)
+    rate: tuple[Decimal, Decimal] | None = None
 
 
 @dataclass(frozen=True, slots=True)

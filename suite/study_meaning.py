@@ -78,6 +78,7 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
             written.limits.sample_time,
             written.limits.fuel,
             written.limits.deflection or {},
+            written.limits.rate,
         ),
         command=command,
         simulation=_simulation(written.simulation),

@@ -19,7 +19,6 @@ def _one_of(*refused: str) -> Callable[[object], bool]:
 
 UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     # Path: for which values it is refused, and what is possible instead. A key leaves this table when this version honours it.
-    "limits.rate": (_given, "limits.input alone limits the command; a requirement on peak_rate measures it"),
     "limits.pulse_width": (_given, "limits.input alone limits the command"),
     "limits.pulses": (_given, "limits.input alone limits the command"),
     "command.kind": (_one_of("fuel-efficient", "pole-zero"), '"time-optimal", "shaper" and "file" are supported'),

@@ -114,7 +114,7 @@ def written(value: Fraction) -> str:
 def task(numerator: list[str], denominator: list[str], displacement: str = "1", **others: Any) -> dict[str, Any]:
     """A task as a certificate writes it; state rest and |u| ≤ 1 unless said otherwise."""
     limits = {"input": list(others.pop("limits", ("-1", "1")))}
-    limits |= {name: others.pop(name, None) for name in ("fuel", "sample_time")}
+    limits |= {name: others.pop(name, None) for name in ("fuel", "rate", "sample_time")}
     limits |= {"deflection": others.pop("deflection", {})}
     limits |= {"tail_length": others.pop("tail_length", None), "zero_sensitivity": others.pop("zero_sensitivity", {})}
     plant = {"numerator": numerator, "denominator": denominator, "outputs": others.pop("outputs", {}), "zeros": others.pop("zeros", {})}
@@ -139,11 +139,18 @@ def certificate(
 
 
 def costate(
-    *chains: tuple[tuple[str, str], list[tuple[str, str]]], tail: Any = (), fuel: str = "0", deflection: Any = ()
+    *chains: tuple[tuple[str, str], list[tuple[str, str]]], tail: Any = (), fuel: str = "0", deflection: Any = (), ramps: Any = ()
 ) -> dict[str, Any]:
     """A lower side's witness."""
     written_chains = [{"near": list(near), "coefficients": [list(c) for c in coefficients]} for near, coefficients in chains]
-    return {"costate": [written_chains], "tail": list(tail), "samples": [], "fuel": fuel, "deflection": list(deflection)}
+    return {
+        "costate": [written_chains],
+        "tail": list(tail),
+        "samples": [],
+        "fuel": fuel,
+        "deflection": list(deflection),
+        "ramps": list(ramps),
+    }
 
 
 def command(time: str, segments: list[tuple[str, str]], free: list[list[Any]], radius: str = "1/1000000", tail: Any = ()) -> dict[str, Any]:

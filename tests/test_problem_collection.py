@@ -31,6 +31,7 @@ STAIRCASES = {
     "rigid_body_sampled": 0.0,
     "two_mass_fuel": 1e-6,
     "rigid_body_speed": 1e-5,
+    "two_mass_rate": 1e-5,
     "two_mass_spring_limit": 1e-5,
 }
 """Degenerate optima: the upper side is a repaired staircase, 1e-9 beyond the minimum time or ten times that; samples are exact.
@@ -52,6 +53,7 @@ FACTS = {
     "two_mass_fuel": "8.1107317945",
     "two_mass_spring_limit": "4.757",
     "rigid_body_speed": 2.5,
+    "two_mass_rate": "4.321",
     "two_mass_sampled": "6.75",
     "rigid_body_sampled": 2.0,
     "emergency_stop": "3.1510411012",

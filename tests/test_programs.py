@@ -9,6 +9,7 @@ from problems import AWKWARD, FACTS, KNOWN, Known, chain, two_mass
 
 from relaxations import bounds, programs
 from relaxations.bounds import bracket
+from relaxations.energy import energy_bound
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant, exact
@@ -144,7 +145,7 @@ def test_no_command_reaches_more_than_its_energy_allows(known: Known, factor: fl
     assert known.time is not None
     posed = known.problem()
     instants = bounds.instants(posed, factor * known.time, bounds.Settings())
-    most = programs.energy_bound(posed, instants)
+    most = energy_bound(posed, instants)
     assert programs.solve(programs.build(posed, instants)).fraction <= most * (1 + 1e-6)  # the solver's tolerance
     assert most >= 1.0 - 1e-4 or factor < 1.0  # the grid's staircase falls short of the command by as much
 
@@ -152,17 +153,17 @@ def test_no_command_reaches_more_than_its_energy_allows(known: Known, factor: fl
 def test_energy_is_exact_where_the_command_is_constant():
     """1/s: the whole range all the time is the only command of that energy, and α = T/T*."""
     posed = problem([LinearPlant.from_transfer([1], [1, 0])], Maneuver(exact(3), Limits.of(-2, 2)))
-    assert programs.energy_bound(posed, np.linspace(0.0, 1.2, 50)) == pytest.approx(1.2 / 1.5, rel=1e-13)
+    assert energy_bound(posed, np.linspace(0.0, 1.2, 50)) == pytest.approx(1.2 / 1.5, rel=1e-13)
 
 
 def test_energy_says_how_short_a_time_is_that_doubles_cannot_resolve():
     """100 poles in a fifth of their 121 s: the equations are dependent to 1e-80, the bound need not be."""
     posed = problem([chain(50)], Maneuver(exact(5), Limits.of(-1, 1)))
-    assert programs.energy_bound(posed, np.linspace(0.0, 25.0, 2501)) < 1e-8
-    assert programs.energy_bound(posed, np.linspace(0.0, 121.06, 2501)) > 1.0
+    assert energy_bound(posed, np.linspace(0.0, 25.0, 2501)) < 1e-8
+    assert energy_bound(posed, np.linspace(0.0, 121.06, 2501)) > 1.0
 
 
 def test_a_tail_that_does_everything_needs_no_energy():
     plant = LinearPlant.from_transfer([1, 2, 3], [1, 0, 1])
     posed = problem([plant], Maneuver(exact(1), Limits.of(-1, 1), tail=True))
-    assert programs.energy_bound(posed, np.linspace(0.0, 1.0, 50)) == np.inf
+    assert energy_bound(posed, np.linspace(0.0, 1.0, 50)) == np.inf

@@ -67,7 +67,7 @@ def most(
         return sum((weight(q) for q in parts(constant)), arb(0))
 
     def weight(part: Part) -> arb:
-        value = part[0].rows[0, 0].real
+        value = part[0](arb(0))[0]  # of a constant
         return (part[2] * value).max(part[1] * value)
 
     def between(begin: arb, end: arb) -> arb:
@@ -81,7 +81,10 @@ def most(
         if not edges[0] < horizon:
             break
         total += between(at, edges[0])
-        sums = [(wave(roots, integrated(roots, local(a)))(b - a)[0] - arb(m) * (b - a)) for (a, b), m in zip(pairwise(edges), ramp.levels, strict=True)]
+        sums = [
+            (wave(roots, integrated(roots, local(a)))(b - a)[0] - arb(m) * (b - a))
+            for (a, b), m in zip(pairwise(edges), ramp.levels, strict=True)
+        ]
         open_end = bool(edges[-1] >= horizon)
         shift = arb(0) if edges[0] == 0 or open_end else sum(sums, arb(0)) / (edges[-1] - edges[0])
         value = -sum(sums, arb(0)) if edges[0] == 0 else arb(0)

@@ -84,7 +84,7 @@ def exactly(system: System, n: int, command: list[Any]) -> None:
 def solve(system: System, n: int, witness: Any) -> list[Number]:
     """Krawczyk: `K = x - Y F(x) + (I - Y J(X)) (X - x)` inside X proves a solution in K; returns the command with its unknowns in K."""
     (command, unknowns), size = as_written(system, witness), system.target.nrows()
-    if not unknowns and not system.begin and all(root.value.is_zero() for root in system.roots):
+    if not unknowns and not system.begin and system.task.limits.rate is None and all(root.value.is_zero() for root in system.roots):
         exactly(system, n, command)
         return command
     require(len(unknowns) == size, f"{size} equations need {size} unknowns, upper.free names {len(unknowns)}")
@@ -186,7 +186,11 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         levels = command[n + 1 : 2 * n + 1]
         burnt = (abs(arb(level)) * arb(b - a) for level, (a, b) in zip(levels, pairwise(instants), strict=True))
         ramped = system.task.limits.rate is not None
-        at_most(ramps.burnt([*levels, system.rest], instants) if ramped else sum(burnt, arb(0)), system.task.limits.fuel, "the move uses no more fuel than there is")
+        at_most(
+            ramps.burnt([*levels, system.rest], instants) if ramped else sum(burnt, arb(0)),
+            system.task.limits.fuel,
+            "the move uses no more fuel than there is",
+        )
     courses.prove(system, n, command)
     if system.task.limits.rate is not None:
         ramps.prove(system, command, n)
