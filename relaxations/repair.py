@@ -139,7 +139,7 @@ def _ramped(solution: GridSolution, levels: Reals) -> Repaired | None:
     between = np.array([np.interp(instants[1:], instants[keep], unit) for unit in np.eye(int(keep.sum()))])[1:]
     table, size = problem.table(instants) @ between.T, problem.size
     instants, values = instants[keep], values[keep[1:]]
-    free: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+    free, room = np.zeros(0, dtype=np.intp), np.zeros(len(values))
     for turn in range(4):
         slopes = np.diff(np.concatenate([[0.0], values])) / np.diff(instants)
         spare = np.minimum(problem.rate[1] - slopes, slopes - problem.rate[0]) * np.diff(instants)

@@ -138,7 +138,12 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         size = sum((abs(a * b) for a, b in zip(entries, aim.entries(), strict=True)), arb(0))
         fine = (size / end * arb(2) ** (-flint.ctx.prec // 2)).lower()
         right, first = ramps.most(
-            system, entries, witness, end, lambda *wave: support(*wave, fine), lambda q: parts(system, q, witness.fuel)
+            system,
+            entries,
+            witness,
+            end,
+            lambda wave, length, low, high: support(wave, length, low, high, fine),
+            lambda q: parts(system, q, witness.fuel),
         )
         if right < gain + first * arb(system.rest):
             return
