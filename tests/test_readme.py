@@ -187,8 +187,6 @@ def test_what_is_not_there_yet_is_named():
         "command.final_tolerance": "a tolerance of the final error",
         "command.type": "fuel-efficient commands",
         "command.alpha": "fuel-efficient commands",
-        "maneuver.initial_state": "an initial state",
-        "maneuver.scale": "an initial state",
         "uncertainty.distribution": "random samples",
         "uncertainty.sampling": "random samples",
         "cluster": "clusters",
