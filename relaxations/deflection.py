@@ -59,8 +59,8 @@ def deflection_limited(
     step = fastest / PER_HALF_PERIOD if sample_time is None else sample_time
     if step > fastest / 2.0:
         raise ImpossibleShaperError(
-            f"a sample time of {step!r} s is too coarse to see how far a mode is deflected; at most {fastest / 2.0:.6g} s would do, a quarter "
-            "of the fastest mode's damped period"
+            f"a sample time of {step!r} s is too coarse to see how far a mode is deflected; at most {fastest / 2.0:.6g} s would do, "
+            "a quarter of the fastest mode's damped period"
         )
     fewest = max(math.ceil(max(mode.half_period for mode in modes) / step / 4.0), 2)
     low, high, found = fewest, 2 * fewest, None
@@ -70,8 +70,8 @@ def deflection_limited(
             low, high = high, 2 * high
             if low >= MOST_SAMPLES:
                 raise SolverError(
-                    f"{MOST_SAMPLES} samples of {step:.6g} s are not enough for a deflection of {limit!r}; a longer sample time or a larger "
-                    "limit needs fewer"
+                    f"{MOST_SAMPLES} samples of {step:.6g} s are not enough for a deflection of {limit!r}; a longer sample time "
+                    "or a larger limit needs fewer"
                 )
             high = min(high, MOST_SAMPLES)
     while high - low > 1:
