@@ -156,6 +156,7 @@ class Command(Section):
     pulse: Positive | None = None
     height: Positive | None = None
     impulses: Text | None = None
+    deflection: Positive | None = None
     follow: Follow | None = None
     delays: Count | None = None
     form: Text | None = None

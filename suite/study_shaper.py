@@ -44,6 +44,7 @@ def understand_shaper(written: schema.Command, folder: Path, known_names: PlantN
         bands=tuple(band for band in bands if band),
         pulse=_float(written.pulse),
         height=_float(written.height),
+        deflection=_float(written.deflection),
         impulses=None if written.impulses is None else _impulses(written.impulses, folder, wrong),
     )
     try:
