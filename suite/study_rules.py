@@ -50,6 +50,8 @@ BELONGS: dict[str, tuple[str, ...]] = {
     "pulse": ("shaper",),
     "height": ("shaper",),
     "impulses": ("shaper",),
+    "deflection": ("shaper",),
+    "follow": ("shaper",),
     "delays": ("pole-zero",),
     "form": ("pole-zero",),
     "file": ("file",),
