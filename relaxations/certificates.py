@@ -68,6 +68,8 @@ def task(problem: Problem) -> dict[str, Any]:
             "rate": maneuver.limits.rate and [text(side) for side in maneuver.limits.rate],
             "deflection": {course.name: text(maneuver.limits.deflection[course.name]) for course in problem.courses},
             "fuel": None if maneuver.limits.fuel is None else text(maneuver.limits.fuel),
+            "pulse_width": None if maneuver.limits.pulse_width is None else text(maneuver.limits.pulse_width),
+            "pulses": maneuver.limits.pulses,
             "sample_time": None if maneuver.sample_time is None else text(maneuver.sample_time),
             "tail_length": length and {"time": text(length[0]), "within": text(length[1])},
             "zero_sensitivity": {

@@ -39,6 +39,13 @@ class Limits:
     fuel: Fraction | None = None
     deflection: Mapping[str, Fraction] = field(default_factory=dict)
     rate: tuple[Fraction, Fraction] | None = None
+    pulse_width: Fraction | None = None
+    pulses: int | None = None
+
+    @property
+    def pulsed(self) -> bool:
+        """Whether pulses have a least width or a largest number: pieces of constant input, other than the one at rest."""
+        return self.pulse_width is not None or self.pulses is not None
 
     @staticmethod
     def of(
@@ -242,6 +249,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
     if maneuver.tail_length is not None and not (maneuver.tail and maneuver.tail_length[0] >= 0 and 0 < maneuver.tail_length[1] <= 1):
         raise ManeuverError("a tail length (time from 0 on, fraction from 0 to 1) needs an output rest, tail = true")
     sampling, begin = _sampling(plants, maneuver), _begin(plants, maneuver)
+    _pulses(maneuver)
     holds = {plant.rest_input(maneuver.displacement) for plant in plants}
     if len(holds) != 1:
         raise ManeuverError(f"the plants share one command and so one final rest input, but ask for {sorted(map(float, holds))}")
@@ -287,6 +295,17 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
     )
 
 
+def _pulses(maneuver: Maneuver) -> None:
+    """Raise `ManeuverError` unless limits of pulses make sense."""
+    limits = maneuver.limits
+    if limits.pulse_width is not None and not limits.pulse_width > 0:
+        raise ManeuverError(f"a pulse width is more than 0, not {float(limits.pulse_width)!r} s")
+    if limits.pulses is not None and limits.pulses < 1:
+        raise ManeuverError(f"a command has at least one pulse, not {limits.pulses}")
+    if limits.pulsed and (maneuver.tail or maneuver.box is not None or maneuver.sample_time is not None):
+        raise ManeuverError("limits of pulses belong to a state rest of one plant, at any instants: no tail, no box, no sample time")
+
+
 def _begin(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Reals | None:
     """The moments that a plant which is not at rest begins with."""
     start = maneuver.initial
@@ -330,9 +349,9 @@ def _rate(maneuver: Maneuver) -> tuple[float, float] | None:
     if not rate[0] < 0 < rate[1]:
         raise ManeuverError(f"limits of the slope contain 0, with room on either side, not [{float(rate[0])!r}, {float(rate[1])!r}]")
     others = maneuver.tail, maneuver.box is not None, maneuver.sample_time is not None, maneuver.initial is not None
-    if any(others) or maneuver.limits.deflection:
+    if any(others) or maneuver.limits.deflection or maneuver.limits.pulsed:
         raise ManeuverError(
-            "limits of the slope are a matter of rest to rest: no tail, box, sample time, initial state or deflection with them"
+            "limits of the slope are a matter of rest to rest: no tail, box, sample time, initial state, deflection or pulses with them"
         )
     return float(rate[0]), float(rate[1])
 

@@ -196,6 +196,7 @@ def check(files: tuple[Path, ...], study: Path | None, as_json: bool) -> None:
 @click.option("--interface", type=click.Choice(["co-simulation", "model-exchange"]), help="Default: co-simulation, if the FMU offers it.")
 @click.option("--timeout", type=POSITIVE, default=60.0, show_default=True, help="Wall-clock time that a run may take [s].")
 @click.option("--convergence", is_flag=True, help="Refine the run four times and show how its output changes.")
+@SANDBOX
 @AS_JSON
 @guarded
 def simulate(
@@ -292,6 +293,7 @@ class _Settling(click.ParamType[float]):
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, a state's start value, or the input at rest.")
 @click.option("--at", type=_Settling(), default=0.0, help="Let it settle for so long, or until it rests; default: where it starts.")
 @click.option("--step", type=click.FloatRange(0.0, min_open=True), help="Communication step [s]; default: the FMU's.")
+@SANDBOX
 @AS_JSON
 @guarded
 def linearize(
@@ -343,6 +345,7 @@ def linearize(
 @click.option("--pulse", type=float, help="Seconds: draw every impulse out to a pulse of this width.")
 @click.option("--height", type=float, help="1/s: height of the pulses (pulses-zv).")
 @click.option("--impulses", metavar="INSTANT:AMPLITUDE,…|FILE.json", help="The impulses of a custom shaper.")
+@click.option("--deflection", type=float, help="How far a mode may stray from the shaped step, of an unshaped one's (dl-zv).")
 @click.option("--simultaneous", is_flag=True, help="One solution for all modes, not one shaper after the other.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw sensitivity and step response to this file (SVG).")
 @click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),

@@ -133,7 +133,8 @@ class Limits:
     the move, fraction of the nearer limit's distance), and (shift as a fraction of its magnitude, residual as a fraction of the
     displacement) for zeros that may be elsewhere, by name. With a `sample_time` [s] the input is constant over each sample.
     No output named in `deflection` leaves its first rest value by more than that (output units). With a `rate` the input is continuous, its
-    slope between these two (input units per second)."""
+    slope between these two (input units per second). With a `pulse_width` [s], or a largest number of `pulses`, it is that of thrusters: a
+    limit, or the input at rest."""
 
     lower: Decimal
     upper: Decimal
@@ -141,6 +142,8 @@ class Limits:
     zero_sensitivity: Mapping[str, tuple[Decimal, Decimal]] = field(default_factory=dict)
     sample_time: Decimal | None = None
     fuel: Decimal | None = None
+    pulse_width: Decimal | None = None
+    pulses: int | None = None
     deflection: Mapping[str, Decimal] = field(default_factory=dict)
     rate: tuple[Decimal, Decimal] | None = None
 
@@ -149,13 +152,16 @@ class Limits:
 class ShaperRequest:
     """A shaper of this `kind`, as `request` says (no modes: the plant's own), its worst case over these `damping` ratios.
 
-    `reference` is what it shapes: "step", "rigid" (the fastest move of the rigid part), a command, or None: whichever of the two suits.
+    With `follow`, a parameter, instants [s] after the start of the move and its values at them, the modes are those of the plant with the
+    parameter's value of the moment. `reference` is what it shapes: "step", "rigid" (the fastest move of the rigid part), a command, or
+    None: whichever of the two suits.
     """
 
     kind: str
     request: Request
     damping: tuple[float, float] | None = None
     reference: Literal["step", "rigid"] | Command | None = None
+    follow: tuple[str, tuple[float, ...], tuple[Decimal, ...]] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -179,8 +179,6 @@ def test_the_requirement_of_the_example_can_be_written():
 
 def test_what_is_not_there_yet_is_named():
     words = {
-        "limits.pulse_width": "shortest pulses",
-        "limits.pulses": "pulses",
         "command.kind": "fuel-efficient commands",
         "command.final_tolerance": "a tolerance of the final error",
         "command.type": "fuel-efficient commands",

@@ -155,7 +155,8 @@ def sensible(task: Any, lower: Any) -> None:
     if rate is None:
         return
     fine = task.rest == "state" and task.box is None and task.limits.sample_time is None and task.initial_state is None
-    require(fine and not task.limits.deflection, "limits of the slope belong to a rest of the state, and to no other limits but fuel")
+    fine = fine and not (task.limits.deflection or task.limits.pulse_width or task.limits.pulses)
+    require(fine, "limits of the slope belong to a rest of the state, and to no other limits but fuel")
     require(rate[0] < 0 < rate[1], "limits of the slope have room on either side of 0")
     at = fmpq(0)
     for ramp in ramps:
