@@ -10,14 +10,20 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from flint import fmpq
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from relaxations.commands import Command
+from relaxations.errors import ManeuverError
 from relaxations.moments import Basis
-from relaxations.plants import LinearPlant, Pole
+from relaxations.plants import LinearPlant, Pole, fraction
+
+if TYPE_CHECKING:
+    from relaxations.maneuvers import Maneuver
 
 Reals = NDArray[np.float64]
 
@@ -181,6 +187,31 @@ class _Entries:
             return csr_array(shape)
         rows, columns, values = (np.concatenate(parts) for parts in zip(*self.blocks, strict=True))
         return csr_array(coo_array((values, (rows, columns)), shape=shape))
+
+
+def courses_of(plants: Sequence[LinearPlant], maneuver: Maneuver) -> tuple[Course, ...]:
+    """The outputs whose deflection is limited; raises `ManeuverError` for one that may not be."""
+    found = []
+    if maneuver.limits.deflection and (
+        maneuver.tail or maneuver.box is not None or maneuver.sample_time is not None or maneuver.initial is not None
+    ):
+        raise ManeuverError("deflection limits are a matter of rest to rest: no tail, no box, no sample time, no initial state with them")
+    for name, limit in maneuver.limits.deflection.items():
+        for plant in plants:
+            if name not in plant.numerators:
+                raise ManeuverError(f"a deflection limit names {name!r}; the plant has {', '.join(sorted(plant.numerators))}")
+            if not limit > 0:
+                raise ManeuverError(f"the deflection of {name!r} may be more than 0, not {float(limit)!r}")
+            numerator = plant.numerators[name]
+            if not numerator:
+                continue  # the input does not reach it
+            if numerator.degree() == plant.order:
+                raise ManeuverError(f"the output {name!r} has feed-through: it jumps with the input, whose limits are its own")
+            final = fraction(numerator(fmpq(0)) / plant.numerators[plant.output](fmpq(0))) * maneuver.displacement
+            if abs(final) > limit:
+                raise ManeuverError(f"at its final rest {name!r} deviates by {float(final):.10g}: no command stays within {float(limit)!r}")
+            found.append(Course.of(plant, name, float(limit), float(final)))
+    return tuple(found)
 
 
 def exceeded_places(courses: Sequence[Course], instants: Reals, levels: Reals, share: float, ramps: bool = False) -> Reals:

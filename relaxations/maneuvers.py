@@ -12,17 +12,16 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import numpy as np
-from flint import fmpq
 from numpy.typing import NDArray
 
 from relaxations.boxes import Box, Residuals, Sample
-from relaxations.courses import Course
+from relaxations.courses import Course, courses_of
 from relaxations.errors import ManeuverError
 from relaxations.frames import Frame
 from relaxations.initial import at_rest, moments, moved
 from relaxations.moments import Basis
-from relaxations.plants import Exact, LinearPlant, Pole, exact, fraction, roots
-from relaxations.ramps import hats
+from relaxations.plants import Exact, LinearPlant, Pole, exact, roots
+from relaxations.ramps import hats, rate_of
 from relaxations.tails import TailLength, TailSpace, caps, tail_columns
 
 Reals = NDArray[np.float64]
@@ -287,8 +286,8 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         tail,
         float(maneuver.rest),
         None if fuel is None else float(fuel),
-        _courses(plants, maneuver),
-        _rate(maneuver),
+        courses_of(plants, maneuver),
+        rate_of(maneuver),
         residuals,
         begin,
         (*(note for plant in plants for note in plant.notes), *sampling),
@@ -339,46 +338,6 @@ def _sampling(plants: Sequence[LinearPlant], maneuver: Maneuver) -> list[str]:
         for half in sorted(halves)
         if step > half
     ]
-
-
-def _rate(maneuver: Maneuver) -> tuple[float, float] | None:
-    """The limits of the slope; raises `ManeuverError` where they exclude 0, or for a task that they do not go with."""
-    rate = maneuver.limits.rate
-    if rate is None:
-        return None
-    if not rate[0] < 0 < rate[1]:
-        raise ManeuverError(f"limits of the slope contain 0, with room on either side, not [{float(rate[0])!r}, {float(rate[1])!r}]")
-    others = maneuver.tail, maneuver.box is not None, maneuver.sample_time is not None, maneuver.initial is not None
-    if any(others) or maneuver.limits.deflection or maneuver.limits.pulsed:
-        raise ManeuverError(
-            "limits of the slope are a matter of rest to rest: no tail, box, sample time, initial state, deflection or pulses with them"
-        )
-    return float(rate[0]), float(rate[1])
-
-
-def _courses(plants: Sequence[LinearPlant], maneuver: Maneuver) -> tuple[Course, ...]:
-    """The outputs whose deflection is limited; raises `ManeuverError` for one that may not be."""
-    found = []
-    if maneuver.limits.deflection and (
-        maneuver.tail or maneuver.box is not None or maneuver.sample_time is not None or maneuver.initial is not None
-    ):
-        raise ManeuverError("deflection limits are a matter of rest to rest: no tail, no box, no sample time, no initial state with them")
-    for name, limit in maneuver.limits.deflection.items():
-        for plant in plants:
-            if name not in plant.numerators:
-                raise ManeuverError(f"a deflection limit names {name!r}; the plant has {', '.join(sorted(plant.numerators))}")
-            if not limit > 0:
-                raise ManeuverError(f"the deflection of {name!r} may be more than 0, not {float(limit)!r}")
-            numerator = plant.numerators[name]
-            if not numerator:
-                continue  # the input does not reach it
-            if numerator.degree() == plant.order:
-                raise ManeuverError(f"the output {name!r} has feed-through: it jumps with the input, whose limits are its own")
-            final = fraction(numerator(fmpq(0)) / plant.numerators[plant.output](fmpq(0))) * maneuver.displacement
-            if abs(final) > limit:
-                raise ManeuverError(f"at its final rest {name!r} deviates by {float(final):.10g}: no command stays within {float(limit)!r}")
-            found.append(Course.of(plant, name, float(limit), float(final)))
-    return tuple(found)
 
 
 def _boxed(plants: Sequence[LinearPlant], maneuver: Maneuver, box: Box, hold: float) -> tuple[tuple[TargetSet, ...], Residuals]:

@@ -54,11 +54,9 @@ FINER = (1, 4, 16, 64)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
 
 REGULAR, GOOD, LIMITED, COURSED, ROBUST = 1e-12, 1e-7, 1e-6, 1e-5, 1e-4
-"""Gaps at which the search ends: what a regular optimum comes to; on the finer grids; with a budget of fuel, with limits on courses, with a
-box."""
+"""Gaps at which the search ends: of a regular optimum; on finer grids; with a budget of fuel, limits on courses or slopes, a box."""
 
-CLOSE = 1e-7
-"""Of α, where courses are limited: closer to the root is closer than the grid."""
+CLOSE = 1e-7  # of α, where courses or slopes are limited: closer to the root is closer than the grid
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from relaxations.errors import ManeuverError
+
+if TYPE_CHECKING:
+    from relaxations.maneuvers import Maneuver
 
 Reals = NDArray[np.float64]
 
@@ -29,6 +35,21 @@ class Ramp:
 
     edges: tuple[float, ...]
     levels: tuple[float, ...]
+
+
+def rate_of(maneuver: Maneuver) -> tuple[float, float] | None:
+    """The limits of the slope; raises `ManeuverError` where they exclude 0, or for a task that they do not go with."""
+    rate = maneuver.limits.rate
+    if rate is None:
+        return None
+    if not rate[0] < 0 < rate[1]:
+        raise ManeuverError(f"limits of the slope contain 0, with room on either side, not [{float(rate[0])!r}, {float(rate[1])!r}]")
+    others = maneuver.tail, maneuver.box is not None, maneuver.sample_time is not None, maneuver.initial is not None
+    if any(others) or maneuver.limits.deflection or maneuver.limits.pulsed:
+        raise ManeuverError(
+            "limits of the slope are a matter of rest to rest: no tail, box, sample time, initial state, deflection or pulses with them"
+        )
+    return float(rate[0]), float(rate[1])
 
 
 def hats(rows: Callable[[Reals], Reals], instants: Reals) -> Reals:
