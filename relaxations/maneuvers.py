@@ -36,10 +36,10 @@ class Limits:
     lower: Fraction
     upper: Fraction
     fuel: Fraction | None = None
-    deflection: Mapping[str, Fraction] = field(default_factory=dict)
-    rate: tuple[Fraction, Fraction] | None = None
     pulse_width: Fraction | None = None
     pulses: int | None = None
+    deflection: Mapping[str, Fraction] = field(default_factory=dict)
+    rate: tuple[Fraction, Fraction] | None = None
 
     @property
     def pulsed(self) -> bool:
@@ -56,9 +56,8 @@ class Limits:
     ) -> Limits:
         """From numbers as written; raises `ManeuverError` if they are not ascending."""
         deflections = {name: exact(limit) for name, limit in (deflection or {}).items()}
-        limits = Limits(
-            exact(lower), exact(upper), None if fuel is None else exact(fuel), deflections, rate and (exact(rate[0]), exact(rate[1]))
-        )
+        slope = rate and (exact(rate[0]), exact(rate[1]))
+        limits = Limits(exact(lower), exact(upper), None if fuel is None else exact(fuel), deflection=deflections, rate=slope)
         if not limits.lower < limits.upper:
             raise ManeuverError(f"limits ascend: [{float(limits.lower)!r}, {float(limits.upper)!r}] leaves the input no room")
         return limits
