@@ -17,7 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations import certificates, programs
-from relaxations.bounds import CUTS, Bound, Settings, Status, bracket, contacts, exceeded, extended, first_looks, instants
+from relaxations.bounds import (
+    CUTS,
+    NOT_PROVEN,
+    Bound,
+    Settings,
+    Status,
+    bracket,
+    contacts,
+    exceeded,
+    extended,
+    first_looks,
+    instants,
+    staircase,
+)
 from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
@@ -26,8 +39,8 @@ from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.polishing import Polished, polish
 from relaxations.refinement import Extremal, outline
-from relaxations.repair import Repaired, pivots, repair
-from relaxations.robust import further, sampled
+from relaxations.repair import SNAP, Repaired, pivots, repair
+from relaxations.robust import Sampled, at_rest_at_once, minimum, within
 
 Reals = NDArray[np.float64]
 
@@ -42,6 +55,9 @@ SMALL = 1e-7
 
 BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
+
+HELD = (2e-5, 6e-5, 3e-4)
+"""How far beyond it a command may go that is to hold in a whole box."""
 
 FINER = (1, 4, 16, 64)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
@@ -92,14 +108,16 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
     numerics fail altogether the bracket is [0, –].
     """
     begun, chosen = time.perf_counter(), settings or Settings()
-    if problem.residuals is not None:
-        problem, chosen = sampled(problem, chosen)
     task = certificates.task(problem)
-    for form in ("face", "remainder"):
-        content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, None, None)
+    for form, witness in _impossible(problem):
+        content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, witness, None)
         if check(content).outcome is Outcome.PROVED:
             nothing = np.zeros(problem.size)
             return Bound(Status.IMPOSSIBLE, 0.0, None, nothing, None, None, None, 0, time.perf_counter() - begun, certificate=content)
+    if problem.residuals is not None:
+        if any(sample.basis.size for sample in problem.residuals.samples):
+            return _robust(problem, task, chosen, begun)
+        problem = replace(problem, residuals=None)  # bodies alone: they are at rest together
     proof, found, count, trouble = Proof(), None, 0, None
     for factor in FINER:
         try:
@@ -110,7 +128,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
         count += looked.programs
         found = looked if found is None or (found.switches is None and looked.switches is not None) else found
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
-        if proof.gap <= (REGULAR if problem.residuals is None else ROBUST) or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
+        if proof.gap <= REGULAR or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
             break
     if found is None:
         # Nothing is known then but that no time is less than 0.
@@ -160,7 +178,7 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         return _instant(problem, task, found)
     proof, extremal = Proof(), found.dual
     problem = extremal.problem if extremal else problem
-    if isinstance(extremal, programs.GridSolution) and found.upper is not None and problem.residuals is None:
+    if isinstance(extremal, programs.GridSolution) and found.upper is not None:
         # Where Newton's method in doubles failed, one in more digits may find its way from the grid.
         extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal))
     if isinstance(extremal, Extremal) and (polished := polish(problem, extremal)) is not None:
@@ -254,28 +272,80 @@ def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: 
 def _repaired(problem: Problem, task: dict[str, Any], near: float, settings: Settings) -> tuple[Proof, programs.GridSolution | None]:
     """The upper side by linear repair, a little beyond the minimum time; with the program it came from."""
     solution: programs.GridSolution | None = None
-    for beyond in BEYOND if problem.residuals is None else BEYOND[-4:]:
+    for beyond in BEYOND:
         try:
             solution = _cut(problem, instants(problem, near * (1.0 + beyond), settings), beyond / 4.0)
-            for _ in range(CUTS if problem.residuals is not None else 0):
-                if (more := further(problem, solution, beyond / 4.0)) is None:
-                    break
-                problem = more
-                solution = _cut(problem, instants(problem, near * (1.0 + beyond), settings), beyond / 4.0)
         except SolverError:
             continue
-        for snap in (1e-7, 0.0)[: 2 if problem.residuals is None else 1] if solution.reaches else ():
-            fixed = repair(solution, snap)
-            if fixed is None:
-                continue
-            names = certificates.tail_unknowns(problem)
-            free = [*(["level", i, 0] for i in fixed.free_levels), *(names[i] for i in fixed.free_tail)]
-            tail = certificates.tail_chains(problem, fixed.tail)
-            witness = certificates.command_witness(fixed.maneuver_time, fixed.starts, fixed.levels, tail, free, fixed.radius)
-            side = Side(Fraction(fixed.maneuver_time), witness)
-            if _accepted(task, upper=side):
-                return Proof(None, side, _staircase(problem, fixed)), solution
+        for snap in (1e-7, 0.0) if solution.reaches else ():
+            if (proof := _landed(problem, task, solution, snap)) is not None:
+                return proof, solution
     return Proof(), solution
+
+
+def _landed(problem: Problem, task: dict[str, Any], solution: programs.GridSolution, snap: float) -> Proof | None:
+    """The upper side of a program's solution, repaired; None if that is not accepted."""
+    fixed = repair(solution, snap)
+    if fixed is None:
+        return None
+    names = certificates.tail_unknowns(problem)
+    free = [*(["level", i, 0] for i in fixed.free_levels), *(names[i] for i in fixed.free_tail)]
+    tail = certificates.tail_chains(problem, fixed.tail)
+    witness = certificates.command_witness(fixed.maneuver_time, fixed.starts, fixed.levels, tail, free, fixed.radius)
+    side = Side(Fraction(fixed.maneuver_time), witness)
+    return Proof(None, side, _staircase(problem, fixed)) if _accepted(task, upper=side) else None
+
+
+def _impossible(problem: Problem) -> Iterator[tuple[str, dict[str, Any] | None]]:
+    """Criteria by which a task may be impossible, each with its witness."""
+    yield from (("face", None), ("remainder", None))
+    box = problem.maneuver.box
+    if box is not None and (place := box.beyond()) is not None:
+        yield "final", certificates.place_witness(place)
+
+
+def _robust(problem: Problem, task: dict[str, Any], settings: Settings, begun: float) -> Bound:
+    """Both sides of a robust task, on finer and finer grids."""
+    if at_rest_at_once(problem):
+        command, nothing = Command(0.0, (), Tail(problem.absolute(problem.hold))), np.zeros(0)
+        found = Bound(Status.BRACKETED, 0.0, 0.0, nothing, command, 0, NOT_PROVEN, 0, 0.0)
+        return _concluded(task, _instant(problem, task, found), found, time.perf_counter() - begun)
+    proof, found, count, trouble = Proof(), None, 0, "no grid was solved"
+    for factor in FINER:
+        finer = settings.finer(factor)
+        try:
+            found = minimum(problem, finer, found)
+            count += found.programs
+            if found.solution is None:
+                break
+            upper, tightened = _held(task, found, finer)
+            count += tightened.programs
+        except SolverError as met:
+            trouble = str(met)
+            break
+        lower = _lower(found.problem, task, found.solution, found.solution.maneuver_time)
+        proof, found = proof.better(upper).better(Proof(lower)), replace(found, problem=tightened.problem, looks=tightened.looks)
+        if proof.gap <= ROBUST:
+            break
+    dual = found and (found.solution or found.below)
+    near = 0.0 if dual is None else dual.maneuver_time
+    reach = "" if dual is None or dual.reaches else f"; at T = {near:.6g} s the grid reaches {dual.fraction:.3g} of the target"
+    reason = f"the whole box was searched for a command in floating point: {trouble}{reach}"
+    command = None if found is None or found.solution is None else staircase(found.problem, found.solution)
+    upper = None if command is None else command.maneuver_time
+    costate = np.zeros(problem.size) if dual is None else dual.costate
+    bound = Bound(Status.BRACKETED, 0.0, upper, costate, command, None, reason, count, 0.0, dual=dual)
+    return _concluded(task, proof, bound, time.perf_counter() - begun)
+
+
+def _held(task: dict[str, Any], found: Sampled, settings: Settings) -> tuple[Proof, Sampled]:
+    """The upper side of a robust task: a command whose residual is proven over the whole box, as little beyond the minimum as works."""
+    for beyond in HELD:
+        found, clean = within(found, beyond, settings)
+        assert found.solution is not None
+        if clean and (proof := _landed(found.problem, task, found.solution, SNAP)) is not None:
+            return proof, found
+    return Proof(), found
 
 
 def _cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
