@@ -14,7 +14,7 @@ PIP_FLAGS := --quiet --quiet --disable-pip-version-check
 KEY   := $(shell cat requirements.lock pyproject.toml | cksum | tr ' ' '-')
 READY := $(VENV)/ready-$(KEY)
 
-.PHONY: help verify test slow foreign benchmark lint format env compiler fmus foreign-env lock clean
+.PHONY: help verify test slow foreign benchmark mutants lint format env compiler fmus foreign-env lock clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -36,6 +36,9 @@ benchmark: env compiler ## the measurements (installs CasADi to compare with)
 	@$(BIN)/python -c 'import casadi' 2>/dev/null \
 	  || $(BIN)/python -m pip install $(PIP_FLAGS) --require-hashes --requirement requirements-benchmark.lock
 	$(BIN)/pytest -m benchmark
+
+mutants: env ## change the checker in every small way and see that its tests notice (an hour)
+	$(BIN)/python tests/mutants.py
 
 lint: env ## ruff, pyright, import contracts
 	$(BIN)/ruff check

@@ -21,11 +21,12 @@ from typing import IO, Any
 from fmus.archives import Fmu
 from fmus.confinement import MEBIBYTE, Confinement, in_force, signal_of, wrapped
 from fmus.errors import FmuError
-from fmus.isolated import frame, read_frame
+from fmus.isolated import PEAK, frame, read_frame
 from fmus.stepping import RunStatus
 
 OUTPUT_LIMIT = 2**16  # bytes kept of what an FMU prints in one run
 NEARLY = 0.9  # of the memory that it may have: a process that fails with that much has failed for the lack of more
+RESERVED = 24 * MEBIBYTE  # what counts against the limit and need not be used: stacks of threads, the allocator's spare room
 LOOK = 0.2  # seconds between two looks at a child that does not answer
 START_TIMEOUT = 60.0  # seconds for a new child to say that it is ready, generous for a loaded machine
 
@@ -51,6 +52,7 @@ class Child:
         self._unpacked: set[str] = set()
         work = self.folder / "work"
         work.mkdir()
+        (self.folder / PEAK).touch()
         root = str(Path(__file__).resolve().parent.parent)
         path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
         limits = [str(self.confinement.memory), str(self.confinement.file_size)]
@@ -72,7 +74,6 @@ class Child:
         assert process.stdout is not None
         assert process.stderr is not None
         self._finalizer = weakref.finalize(self, _end, process, self.folder)
-        self._peak = 0  # bytes of memory, known when it has ended
         self._inbox: queue.SimpleQueue[tuple[dict[str, Any], bytes] | None] = queue.SimpleQueue()
         self._reader = threading.Thread(target=_receive, args=(process.stdout, self._inbox), daemon=True)
         self._reader.start()
@@ -177,23 +178,19 @@ class Child:
         return self._process.returncode or 0
 
     def _gone(self) -> bool:
-        """Whether the process has ended; if so its memory is known, which waiting for it in the usual way would not tell."""
-        process = self._process
-        if process.returncode is not None or os.name != "posix":
-            return process.poll() is not None
+        return self._process.poll() is not None
+
+    def _peak(self) -> int:
+        """The most memory that the process has had [bytes], once it has ended; 0 if that is not known."""
         try:
-            pid, status, usage = os.wait4(process.pid, os.WNOHANG)
-        except ChildProcessError:  # somebody else has waited for it
-            return process.poll() is not None
-        if pid:
-            process.returncode = os.waitstatus_to_exitcode(status)
-            self._peak = usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-        return bool(pid)
+            return int((self.folder / PEAK).read_text())
+        except (OSError, ValueError):
+            return 0
 
     def _judge(self, code: int) -> tuple[RunStatus, str]:
         status, detail = _judge_exit(code)
-        if self._peak >= NEARLY * self.confinement.memory:
-            used, limit = self._peak / MEBIBYTE, self.confinement.memory / MEBIBYTE
+        if (peak := self._peak()) >= min(NEARLY * self.confinement.memory, self.confinement.memory - RESERVED):
+            used, limit = peak / MEBIBYTE, self.confinement.memory / MEBIBYTE
             return RunStatus.MEMORY, f"{used:.0f} of the {limit:.0f} MiB that it may have, then {detail}"
         return status, detail
 

@@ -14,17 +14,22 @@ import json
 import os
 import queue
 import shutil
+import signal
 import struct
 import sys
 import threading
 from array import array
-from typing import IO
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, NoReturn
 
 from fmus import cosimulation
 from fmus.errors import CallFailed, FmuError
 from fmus.instances import Instance
 from fmus.jacobians import jacobian
 from fmus.sessions import Messages, Request, create, prepare
+
+PEAK = "peak"  # the file that holds the most memory that the FMU's process has had [bytes], once it has ended
 
 
 def read_frame(stream: IO[bytes]) -> tuple[Request, bytes] | None:
@@ -128,7 +133,28 @@ def main() -> None:
     folder, memory, file_size = sys.argv[1], *map(int, sys.argv[2:])
     if os.name == "posix":
         _limit(memory, file_size)
+        if pid := os.fork():
+            for descriptor in (requests.fileno(), replies, 0, 1, 2):
+                os.close(descriptor)  # the parent reads to the end of these, which is the FMU's end
+            _watch(pid, Path(folder) / PEAK)
     serve(requests, replies, folder)
+
+
+def _watch(pid: int, note: Path) -> NoReturn:
+    """Wait for the FMU's process, note the most memory that it has had [bytes], end as it did.
+
+    Its own parent has to be a small process: what a process counts as its most memory begins with that of the one that started it,
+    and whoever runs FMUs may be larger than all that they are allowed.
+    """
+    _, status, usage = os.wait4(pid, 0)
+    with suppress(OSError), note.open("r+") as file:  # if it is gone, so is whoever wanted to know
+        file.write(str(usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)))
+    code = os.waitstatus_to_exitcode(status)
+    if code < 0:
+        if -code != signal.SIGKILL:
+            signal.signal(-code, signal.SIG_DFL)
+        os.kill(os.getpid(), -code)
+    os._exit(code)
 
 
 def _limit(memory: int, file_size: int) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from relaxations import programs
 from relaxations.commands import Command, Segment, Tail
-from relaxations.duality import lower_bound
+from relaxations.duality import Costate, lower_bound
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.grids import grid
 from relaxations.maneuvers import Problem, TargetSet
@@ -66,8 +66,9 @@ class Settings:
 class Bound:
     """A bracket of the minimum time T* [s]: `lower` rests on `costate`, `upper` on `command`; `reason` says what is missing to a proof.
 
-    `tail` holds the coefficients of the command's tail, `dual` what costate and command came from. `certificate` holds what was proven,
-    in a form that `relaxations.checking` verifies.
+    `tail` holds the coefficients of the command's tail, `dual` what costate and command came from (`above` the command, where it is
+    that of another program: on the grid of a sample time). `certificate` holds what was proven, in a form that `relaxations.checking`
+    verifies.
     """
 
     status: Status
@@ -80,7 +81,8 @@ class Bound:
     programs: int
     seconds: float
     tail: Reals = field(default_factory=lambda: np.zeros(0))
-    dual: programs.GridSolution | Extremal | None = None
+    dual: programs.GridSolution | Extremal | Costate | None = None
+    above: programs.GridSolution | None = None
     certificate: bytes | None = None
 
     @property
@@ -210,6 +212,21 @@ def exceeded(problem: Problem, solution: programs.GridSolution, factor: float = 
     if problem.residuals is not None:
         return Looks(problem.residuals.exceeded(solution.program.instants, solution.levels / solution.fraction, factor), np.zeros(0))
     return problem.tail.exceeded(solution.tail_coefficients, solution.pull)
+
+
+def cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
+    """The program's solution with the tail's limits imposed where its tail has extremes too: cutting planes, until they hold there.
+
+    The limits are tightened by the fraction `inside`, which is what the last cut may be off by.
+    """
+    looks = first_looks(problem)
+    solution = programs.solve(programs.build(problem, grid, looks, inside))
+    for _ in range(CUTS):
+        if not (over := exceeded(problem, solution)):
+            break
+        looks |= over
+        solution = programs.solve(programs.build(problem, grid, looks, inside))
+    return solution
 
 
 def _refined(start: programs.GridSolution) -> Extremal | Failure:

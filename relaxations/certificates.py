@@ -61,6 +61,7 @@ def task(problem: Problem) -> dict[str, Any]:
         "rest": "output" if maneuver.tail else "state",
         "limits": {
             "input": [text(maneuver.limits.lower), text(maneuver.limits.upper)],
+            "sample_time": None if maneuver.sample_time is None else text(maneuver.sample_time),
             "tail_length": length and {"time": text(length[0]), "within": text(length[1])},
             "zero_sensitivity": {
                 name: {"shift": text(shift), "residual": text(residual)} for name, (shift, residual) in maneuver.zero_sensitivity.items()

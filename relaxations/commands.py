@@ -160,6 +160,16 @@ class Command:
                 total += (first**2 + last**2) / (2 * abs(segment.slope))
         return total
 
+    def extent(self) -> tuple[float, float]:
+        """Least and greatest input from the start of the move on: ends of the segments, and the tail on a grid until it has decayed."""
+        starts = [segment.start for segment in self.segments]
+        levels: list[float] = []
+        for segment, end in zip(self.segments, [*starts[1:], self.end], strict=False):  # of no segments there is no first start
+            levels += [segment.level, segment.level + segment.slope * (end - segment.start)]
+        slowest = min((-term.rate.real for term in self.tail.terms), default=1.0)
+        levels += self.tail(np.linspace(0.0, 20.0 / slowest, 2001)).tolist()  # until nothing is left of its slowest term
+        return min(levels), max(levels)
+
     def shifted(self, delay: float) -> Command:
         """The same command, beginning `delay` [s] later."""
         segments = tuple(Segment(s.start + delay, s.level, s.slope) for s in self.segments)

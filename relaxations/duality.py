@@ -106,14 +106,35 @@ def support(problem: Problem, costate: Reals, horizon: float) -> Support:
     return Support(horizon, roots, float(level @ pieces), rounding, max(problem.upper * end, problem.lower * end))
 
 
+@dataclass(frozen=True, slots=True)
+class Costate:
+    """A costate (size,) of `problem` by itself, to refute commands of up to `maneuver_time` [s]; nothing after the move has a price."""
+
+    problem: Problem
+    costate: Reals
+    maneuver_time: float
+
+    @property
+    def tail_multipliers(self) -> tuple[tuple[float, float, float], ...]:
+        """None."""
+        return ()
+
+    def price(self, problem: Problem) -> float:
+        """Nothing."""
+        del problem
+        return 0.0
+
+
 def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.0) -> float:
     """The largest T_λ near `near` [s] at which (2) is violated beyond rounding, or 0: `λᵀ target - price = ∫_0^T σ(p)` by guarded Newton.
 
-    `price` is what the multipliers of the tail's limits add on the right of (2).
+    `price` is what the multipliers of the tail's limits add on the right of (2). With a sample time T_λ is a whole number of samples.
     """
     wanted = float(costate @ problem.target) - price
     if wanted <= 0:
         return 0.0
+    if problem.maneuver.sample_time is not None:
+        return _sampled(problem, costate, near, wanted)
     low, high = 0.0, np.inf
     time, best = near, 0.0
     for _ in range(60):
@@ -136,3 +157,18 @@ def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.
             following = (1.0 - close) * time  # rounding alone keeps (2) from being violated: it does not so a little earlier
         time = following
     return best
+
+
+def _sampled(problem: Problem, costate: Reals, near: float, wanted: float) -> float:
+    """The least number of samples that is not refuted, in seconds: `∫σ(p)` is `Σ_k σ(∫_cell p)` for an input that is constant over cells.
+
+    Commands of up to two samples more than `near` [s] are looked at.
+    """
+    step = problem.maneuver.sample_time
+    assert step is not None
+    edges = problem.samples(round(near / float(step)) + 2)
+    table = problem.rows(edges, 1)
+    pieces = costate @ np.diff(table, axis=1)
+    total = np.cumsum(np.maximum(problem.upper * pieces, problem.lower * pieces))
+    rounding = 8 * np.finfo(float).eps * np.cumsum(np.abs(costate) @ np.abs(table))[1:] * max(abs(problem.lower), abs(problem.upper))
+    return float(edges[min(int(np.count_nonzero(total + rounding < wanted)) + 1, len(edges) - 1)])

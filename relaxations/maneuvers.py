@@ -6,6 +6,7 @@ equations on that plant's moments at the end of the move. Robustness by further 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -48,7 +49,8 @@ class Maneuver:
     (flexible modes by ascending frequency, real poles by ascending magnitude). With `tail` only the output has to rest, and the input may
     decay along the stable zeros; `tail_length` (time [s] after the move, fraction of the nearer limit's distance from the final rest input)
     limits how long. `zero_sensitivity` limits what a tail moves the output if a zero is not quite where it should be: (shift, residual) by
-    the name of a zero, `zero[i]` by ascending magnitude, both fractions, of the zero's magnitude and of the displacement.
+    the name of a zero, `zero[i]` by ascending magnitude, both fractions, of the zero's magnitude and of the displacement. With a
+    `sample_time` h [s] the input is constant on each [kh, (k+1)h), and the move lasts a whole number of them.
     """
 
     displacement: Fraction
@@ -59,6 +61,7 @@ class Maneuver:
     tail_length: tuple[Fraction, Fraction] | None = None
     zero_sensitivity: Mapping[str, tuple[Fraction, Fraction]] = field(default_factory=dict)
     box: Box | None = None
+    sample_time: Fraction | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +122,16 @@ class Problem:
         """The costate of the moments themselves, where a frame is in use: exact numbers of many digits."""
         return self.frame.modal(costate) if self.frame else costate
 
+    def samples(self, count: int, stride: int = 1) -> Reals:
+        """The instants [s] at which the input may change, 0 to `count` times `stride` sample times: each the double nearest to it."""
+        step = (self.maneuver.sample_time or Fraction(0)) * stride
+        return np.array([float(k * step) for k in range(count + 1)])
+
+    def on_grid(self, time: float) -> Fraction:
+        """The exact instant [s] that a double stands for: a whole number of sample times, if there is one."""
+        step = self.maneuver.sample_time
+        return Fraction(time) if step is None else round(Fraction(time) / step) * step
+
     def absolute(self, deviation: float) -> float:
         """The input itself, in input units: adding the rest must not round a level beyond its limit."""
         limits = self.maneuver.limits
@@ -176,6 +189,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         plants = [_visible(plant) for plant in plants]
     if maneuver.tail_length is not None and not (maneuver.tail and maneuver.tail_length[0] >= 0 and 0 < maneuver.tail_length[1] <= 1):
         raise ManeuverError("a tail length (time from 0 on, fraction from 0 to 1) needs an output rest, tail = true")
+    sampling = _sampling(plants, maneuver)
     holds = {plant.rest_input(maneuver.displacement) for plant in plants}
     if len(holds) != 1:
         raise ManeuverError(f"the plants share one command and so one final rest input, but ask for {sorted(map(float, holds))}")
@@ -205,8 +219,28 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         tail,
         float(maneuver.rest),
         residuals,
-        tuple(note for plant in plants for note in plant.notes),
+        (*(note for plant in plants for note in plant.notes), *sampling),
     )
+
+
+def _sampling(plants: Sequence[LinearPlant], maneuver: Maneuver) -> list[str]:
+    """What to know of a sample time: modes that are faster than it."""
+    step = maneuver.sample_time
+    if step is None:
+        return []
+    if not step > 0:
+        raise ManeuverError(f"a sample time is more than 0, not {float(step)!r} s")
+    if maneuver.tail:
+        raise ManeuverError(
+            "an output rest (tail = true) needs an input that decays after the move, not one that is constant over each sample"
+        )
+    halves = {math.pi / pole.natural_frequency for plant in plants for pole in plant.flexible}
+    return [
+        f"the sample time of {float(step):.6g} s is longer than half the period of a mode, {half:.6g} s: "
+        "the bracket is about such commands all the same, but much is lost by it"
+        for half in sorted(halves)
+        if step > half
+    ]
 
 
 def _boxed(plants: Sequence[LinearPlant], maneuver: Maneuver, box: Box, hold: float) -> tuple[tuple[TargetSet, ...], Residuals]:
@@ -219,7 +253,7 @@ def _boxed(plants: Sequence[LinearPlant], maneuver: Maneuver, box: Box, hold: fl
     if rigid:
         target[-1] = float(maneuver.displacement) / plant.partial().residues[0][-1].real
     samples = []
-    for place in box.samples or (box.nominal,):
+    for place in box.samples or dict.fromkeys((box.nominal, *box.places(2))):
         one = box.family.member(place)
         if one.rigid_order != rigid:
             counts = f"{rigid} in the nominal one, {one.rigid_order} {at(place)}"

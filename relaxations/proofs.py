@@ -25,22 +25,23 @@ from relaxations.bounds import (
     Status,
     bracket,
     contacts,
-    exceeded,
+    cut,
     extended,
-    first_looks,
     instants,
     staircase,
 )
+from relaxations.boxes import Listed
 from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
-from relaxations.duality import lower_bound
+from relaxations.duality import Costate, lower_bound
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.polishing import Polished, polish
 from relaxations.refinement import Extremal, outline
-from relaxations.repair import SNAP, Repaired, pivots, repair
-from relaxations.robust import Sampled, at_rest_at_once, minimum, within
+from relaxations.repair import SNAP, Repaired, exact, pivots, repair
+from relaxations.robust import Sampled, at_rest_at_once, further, minimum, within
+from relaxations.sampling import MISSED, sampled_bracket
 
 Reals = NDArray[np.float64]
 
@@ -115,20 +116,26 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
             nothing = np.zeros(problem.size)
             return Bound(Status.IMPOSSIBLE, 0.0, None, nothing, None, None, None, 0, time.perf_counter() - begun, certificate=content)
     if problem.residuals is not None:
-        if any(sample.basis.size for sample in problem.residuals.samples):
+        if not any(sample.basis.size for sample in problem.residuals.samples):
+            problem = replace(problem, residuals=None)  # bodies alone: they are at rest together
+        elif problem.maneuver.sample_time is None:
             return _robust(problem, task, chosen, begun)
-        problem = replace(problem, residuals=None)  # bodies alone: they are at rest together
+        else:
+            free = minimum(replace(problem, maneuver=replace(problem.maneuver, sample_time=None)), chosen)
+            problem = replace(free.problem, maneuver=replace(free.problem.maneuver, sample_time=problem.maneuver.sample_time))
     proof, found, count, trouble = Proof(), None, 0, None
+    gridded = problem.maneuver.sample_time is not None
+    look = sampled_bracket if gridded else bracket
     for factor in FINER:
         try:
-            looked = bracket(problem, chosen.finer(factor), found.upper if found else None)
+            looked = look(problem, chosen.finer(factor), found.upper if found else None)
         except SolverError as problem_met:
             trouble = problem_met
             continue
         count += looked.programs
         found = looked if found is None or (found.switches is None and looked.switches is not None) else found
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
-        if proof.gap <= REGULAR or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
+        if gridded or proof.gap <= REGULAR or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
             break
     if found is None:
         # Nothing is known then but that no time is less than 0.
@@ -176,33 +183,37 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
     """Both sides of one bracket: of the extremal if there is one, else of the grid."""
     if found.upper == 0.0 and found.command is not None:
         return _instant(problem, task, found)
-    proof, extremal = Proof(), found.dual
+    proof, extremal = Proof(), None if problem.maneuver.sample_time is not None else found.dual
     problem = extremal.problem if extremal else problem
     if isinstance(extremal, programs.GridSolution) and found.upper is not None:
         # Where Newton's method in doubles failed, one in more digits may find its way from the grid.
         extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal))
     if isinstance(extremal, Extremal) and (polished := polish(problem, extremal)) is not None:
         proof = _regular(problem, task, extremal, polished)
-    if isinstance(found.dual, Extremal) and proof.upper is None:
-        upper = _refined(problem, task, found.dual, found)
+    if isinstance(extremal, Extremal) and extremal is found.dual and proof.upper is None:
+        upper = _refined(problem, task, extremal, found)
         proof = Proof(proof.lower, upper, found.command if upper else None, found.switches if upper else None)
     above: programs.GridSolution | None = None
     if proof.upper is None and found.upper is not None:
-        repaired, above = _repaired(problem, task, found.upper, settings)
+        repaired, above = _repaired(problem, task, _grids(problem, found, settings))
         proof = proof.better(repaired)
     if proof.lower is None:
         for dual in (found.dual, above):
             if dual is not None:
-                proof = proof.better(Proof(_lower(dual.problem, task, dual, found.upper or dual.maneuver_time)))
+                posed = replace(dual.problem, maneuver=problem.maneuver)
+                proof = proof.better(Proof(_lower(posed, task, dual, found.upper or dual.maneuver_time)))
     return proof
 
 
-def _lower(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution, near: float) -> Side | None:
+def _lower(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
     value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem))
     witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers)
-    for margin in MARGINS if value > 0.0 else ():
-        side = Side(Fraction(value * (1.0 - margin)), witness)
+    step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS]
+    if step is not None:
+        claims = [problem.on_grid(value) - k * step for k in (0, 1)]
+    for claim in claims if value > 0.0 else ():
+        side = Side(claim, witness)
         if _accepted(task, lower=side):
             return side
     return None
@@ -269,30 +280,49 @@ def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: 
     return Command(float(upper), segments, Tail(problem.absolute(problem.hold), terms))
 
 
-def _repaired(problem: Problem, task: dict[str, Any], near: float, settings: Settings) -> tuple[Proof, programs.GridSolution | None]:
+def _grids(problem: Problem, found: Bound, settings: Settings) -> Iterator[tuple[Reals, float]]:
+    """Grids a little beyond a bracket's upper side, and by what fraction limits after the move are tightened on each."""
+    assert found.upper is not None
+    beyonds = BEYOND if problem.residuals is None else BEYOND[-4:]
+    if problem.maneuver.sample_time is None:
+        yield from ((instants(problem, found.upper * (1.0 + beyond), settings), beyond / 4.0) for beyond in beyonds)
+    elif found.above is not None:
+        count, stride = len(found.above.program.instants) - 1, round(found.above.program.instants[1] / float(problem.maneuver.sample_time))
+        for more in (0, 1, 2):
+            yield from ((problem.samples(count + more, stride), beyond / 4.0) for beyond in (beyonds if problem.residuals else beyonds[:1]))
+
+
+def _repaired(problem: Problem, task: dict[str, Any], grids: Iterator[tuple[Reals, float]]) -> tuple[Proof, programs.GridSolution | None]:
     """The upper side by linear repair, a little beyond the minimum time; with the program it came from."""
     solution: programs.GridSolution | None = None
-    for beyond in BEYOND:
+    for grid, inside in grids:
         try:
-            solution = _cut(problem, instants(problem, near * (1.0 + beyond), settings), beyond / 4.0)
+            solution = cut(problem, grid, inside)
+            for _ in range(CUTS if problem.residuals is not None else 0):
+                if (more := further(problem, solution, inside)) is None:
+                    break
+                problem = more
+                solution = cut(problem, grid, inside)
         except SolverError:
             continue
-        for snap in (1e-7, 0.0) if solution.reaches else ():
+        for snap in (SNAP, 0.0)[: 2 if problem.residuals is None else 1]:
             if (proof := _landed(problem, task, solution, snap)) is not None:
                 return proof, solution
     return Proof(), solution
 
 
-def _landed(problem: Problem, task: dict[str, Any], solution: programs.GridSolution, snap: float) -> Proof | None:
+def _landed(problem: Problem, task: dict[str, Any], solution: programs.GridSolution, snap: float = SNAP) -> Proof | None:
     """The upper side of a program's solution, repaired; None if that is not accepted."""
-    fixed = repair(solution, snap)
+    tie = problem.maneuver.sample_time is not None and solution.fraction > 1.0 - MISSED  # the minimum may be a whole number of samples
+    fixed = (exact(solution) if tie else None) or (repair(solution, snap) if solution.reaches else None)
     if fixed is None:
         return None
     names = certificates.tail_unknowns(problem)
     free = [*(["level", i, 0] for i in fixed.free_levels), *(names[i] for i in fixed.free_tail)]
     tail = certificates.tail_chains(problem, fixed.tail)
-    witness = certificates.command_witness(fixed.maneuver_time, fixed.starts, fixed.levels, tail, free, fixed.radius)
-    side = Side(Fraction(fixed.maneuver_time), witness)
+    duration, starts = problem.on_grid(fixed.maneuver_time), [problem.on_grid(start) for start in fixed.starts]
+    witness = certificates.command_witness(duration, starts, fixed.levels, tail, free, fixed.radius)
+    side = Side(duration, witness)
     return Proof(None, side, _staircase(problem, fixed)) if _accepted(task, upper=side) else None
 
 
@@ -310,7 +340,7 @@ def _robust(problem: Problem, task: dict[str, Any], settings: Settings, begun: f
         command, nothing = Command(0.0, (), Tail(problem.absolute(problem.hold))), np.zeros(0)
         found = Bound(Status.BRACKETED, 0.0, 0.0, nothing, command, 0, NOT_PROVEN, 0, 0.0)
         return _concluded(task, _instant(problem, task, found), found, time.perf_counter() - begun)
-    proof, found, count, trouble = Proof(), None, 0, "no grid was solved"
+    proof, found, count, trouble = Proof(), None, 0, ""
     for factor in FINER:
         finer = settings.finer(factor)
         try:
@@ -325,17 +355,24 @@ def _robust(problem: Problem, task: dict[str, Any], settings: Settings, begun: f
             break
         lower = _lower(found.problem, task, found.solution, found.solution.maneuver_time)
         proof, found = proof.better(upper).better(Proof(lower)), replace(found, problem=tightened.problem, looks=tightened.looks)
-        if proof.gap <= ROBUST:
+        if proof.gap <= ROBUST or (factor > 1 and proof.upper is None):
             break
     dual = found and (found.solution or found.below)
     near = 0.0 if dual is None else dual.maneuver_time
-    reach = "" if dual is None or dual.reaches else f"; at T = {near:.6g} s the grid reaches {dual.fraction:.3g} of the target"
-    reason = f"the whole box was searched for a command in floating point: {trouble}{reach}"
+    if dual is not None and not dual.reaches:
+        trouble = f"no command was found: at T = {near:.6g} s the grid reaches {dual.fraction:.3g} of the target"
+    reason = trouble or "no command found is proven to keep the tolerance between the plants that were looked at"
     command = None if found is None or found.solution is None else staircase(found.problem, found.solution)
     upper = None if command is None else command.maneuver_time
     costate = np.zeros(problem.size) if dual is None else dual.costate
     bound = Bound(Status.BRACKETED, 0.0, upper, costate, command, None, reason, count, 0.0, dual=dual)
-    return _concluded(task, proof, bound, time.perf_counter() - begun)
+    done, box = _concluded(task, proof, bound, time.perf_counter() - begun), problem.maneuver.box
+    if done.status is Status.PROVED and box is not None and isinstance(box.family, Listed):
+        known = f"sampled: both sides are proven for the {len(box.family.plants)} plants of the box that are known"
+        return replace(
+            done, status=Status.BRACKETED, reason=f"{known}; the lower one holds for the whole box then, the upper one only there"
+        )
+    return done
 
 
 def _held(task: dict[str, Any], found: Sampled, settings: Settings) -> tuple[Proof, Sampled]:
@@ -346,21 +383,6 @@ def _held(task: dict[str, Any], found: Sampled, settings: Settings) -> tuple[Pro
         if clean and (proof := _landed(found.problem, task, found.solution, SNAP)) is not None:
             return proof, found
     return Proof(), found
-
-
-def _cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
-    """The program's solution with the tail's limits imposed where its tail has extremes too: cutting planes, until they hold there.
-
-    The limits are tightened by the fraction `inside`, which is what the last cut may be off by.
-    """
-    looks = first_looks(problem)
-    solution = programs.solve(programs.build(problem, grid, looks, inside))
-    for _ in range(CUTS):
-        if not (over := exceeded(problem, solution)):
-            break
-        looks |= over
-        solution = programs.solve(programs.build(problem, grid, looks, inside))
-    return solution
 
 
 def _instant(problem: Problem, task: dict[str, Any], found: Bound) -> Proof:
@@ -377,4 +399,5 @@ def _instant(problem: Problem, task: dict[str, Any], found: Bound) -> Proof:
 
 def _staircase(problem: Problem, fixed: Repaired) -> Command:
     segments = tuple(Segment(float(s), float(v)) for s, v in zip(fixed.starts, fixed.levels, strict=True))
-    return Command(fixed.maneuver_time, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(fixed.tail)))
+    duration = _rounded(problem.on_grid(fixed.maneuver_time), np.inf)
+    return Command(duration, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(fixed.tail)))

@@ -6,6 +6,8 @@ but for those that rest on a limit which is the rest input itself; as many of th
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, cast
@@ -15,11 +17,13 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from relaxations.maneuvers import Problem
+from relaxations.plants import fraction
 from relaxations.programs import GridSolution
 
 Reals = NDArray[np.float64]
 
 SNAP = 1e-7  # of the range: levels of the solver so close to a limit are meant to be on it
+ON_CHOICE = 1e-4  # of the range: how far the solver's levels may be off where the command is to be all on limits
 ON_LIMIT = 1e-9  # of the range: a level so close to a limit of 0 stays there exactly
 
 
@@ -39,6 +43,33 @@ class Repaired:
 def pivots(matrix: Reals) -> NDArray[np.intp]:
     """The columns in the order in which pivoted QR takes them: the first ones are the most independent."""
     return np.asarray(cast("tuple[Any, Any]", qr(matrix, pivoting=True, mode="r"))[1])
+
+
+def exact(solution: GridSolution) -> Repaired | None:
+    """The staircase with all levels on limits or at 0, if its equations are those at the origin and hold in fractions; else None.
+
+    A minimum time that is a whole number of samples leaves repair no room: every level is on a limit.
+    """
+    problem = solution.problem
+    maneuver, (plant, *others) = problem.maneuver, problem.plants
+    if others or problem.size != plant.rigid_order or problem.tail.size:
+        return None
+    choices = [maneuver.limits.lower - maneuver.rest, maneuver.limits.upper - maneuver.rest, Fraction(0)]
+    floats = np.array([float(choice) for choice in choices])
+    nearest = np.argmin(np.abs(solution.levels[:, None] - floats), axis=1)
+    if np.abs(solution.levels - floats[nearest]).max() > ON_CHOICE * (problem.upper - problem.lower):
+        return None
+    keep = np.flatnonzero(np.concatenate([[True], np.diff(nearest) != 0]))
+    end, starts = problem.on_grid(solution.maneuver_time), [problem.on_grid(float(start)) for start in solution.program.instants[keep]]
+    levels = [choices[nearest[i]] for i in keep]
+    jumps = [after - before for before, after in itertools.pairwise([Fraction(0), *levels])]
+    highest = maneuver.displacement * fraction(plant.denominator[plant.rigid_order] / plant.numerators[plant.output][0])
+    for k in range(1, problem.size + 1):
+        moment = sum((jump * (end - start) ** k for jump, start in zip(jumps, starts, strict=True)), Fraction(0)) / math.factorial(k)
+        if moment != (highest if k == problem.size else 0):
+            return None
+    absolute = tuple(maneuver.rest + level for level in levels)
+    return Repaired(solution.maneuver_time, np.array([float(start) for start in starts]), absolute, np.zeros(0), (), (), 1.0)
 
 
 def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
@@ -70,7 +101,7 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
         play[list(cap.at)] = np.minimum(play[list(cap.at)], max(cap.bound - modulus, 0.0) / 2)
     columns, weights = np.hstack([table, -problem.tail.columns]), np.concatenate([room, play])
     if not size and not len(tail):  # nothing has to be reached exactly: the levels are what they are
-        return Repaired(solution.maneuver_time, starts, _exact(problem, levels), tail, (), (), SNAP * reach)
+        return Repaired(solution.maneuver_time, starts, _absolute(problem, levels), tail, (), (), SNAP * reach)
     if np.count_nonzero(weights) < size:
         return None
     scaled = np.linalg.qr((columns * weights).T)[0].T
@@ -88,7 +119,7 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     return Repaired(
         solution.maneuver_time,
         starts,
-        _exact(problem, levels),
+        _absolute(problem, levels),
         tail,
         tuple(int(i) for i in chosen),
         tuple(int(i) - len(levels) for i in free if i >= len(levels)),
@@ -96,5 +127,5 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     )
 
 
-def _exact(problem: Problem, levels: Reals) -> tuple[Fraction, ...]:
+def _absolute(problem: Problem, levels: Reals) -> tuple[Fraction, ...]:
     return tuple(problem.maneuver.rest + Fraction(float(level)) for level in levels)

@@ -125,6 +125,13 @@ def within(found: Sampled, beyond: float, settings: Settings) -> tuple[Sampled, 
     return Sampled(posed, looks, solution, found.below, ROUNDS // 2), False
 
 
+def further(posed: Problem, solution: GridSolution, inside: float) -> Problem | None:
+    """The problem with samples at the places where a solution whose limits are tightened by `inside` is not; None if there are none."""
+    worst = _worst(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
+    more = _with_samples(posed, [*_samples(posed), *worst])
+    return None if len(_samples(more)) == len(_samples(posed)) else more
+
+
 def _following(solution: GridSolution, tolerance: float, low: float, high: float) -> float:
     """The next time to try: a hair beyond the root that the slope points at."""
     time, off = solution.maneuver_time, -math.log(max(solution.fraction, 1e-300))
@@ -163,7 +170,7 @@ def _worst(posed: Problem, instants: Reals, levels: Reals, factor: float) -> lis
     assert residuals is not None
     command, allowed = Staircase.of(instants, levels, posed.hold), residuals.allowed * factor
     if isinstance(box.family, Listed):
-        samples = ((place, _sample(box.family, place, posed.hold)) for place in box.family.places)
+        samples = ((place, Sample.of(place, plant, posed.hold)) for place, plant in box.family.plants)
         return [place for place, sample in samples if sample.peaks(sample.table(instants) @ levels - sample.rest)[1].max() > allowed]
     sides = [np.linspace(float(a.low), float(a.high), _fine(box)) if a.high > a.low else np.array([float(a.low)]) for a in box.axes]
     sizes = _scan(box, posed).sizes(command, PERIODS).reshape([len(side) for side in sides])
@@ -185,11 +192,6 @@ def _scanned(family: Family, rigid: int, sides: tuple[tuple[float, float], ...],
 def _scan(box: Box, posed: Problem) -> Scan:
     assert isinstance(box.family, Family)
     return _scanned(box.family, posed.size, tuple((float(a.low), float(a.high)) for a in box.axes), _fine(box))
-
-
-@lru_cache(maxsize=1024)
-def _sample(family: Family | Listed, place: Place, hold: float) -> Sample:
-    return Sample.of(place, family.member(place), hold)
 
 
 def _around(sizes: Reals, at: tuple[int, ...]) -> Reals:

@@ -49,19 +49,20 @@ class Scan:
         companion[:, np.arange(1, order), np.arange(order - 1)] = 1.0
         if order:
             companion[:, 0, :] = -trimmed[:, 1:] / trimmed[:, :1]
-        poles = np.linalg.eigvals(companion).astype(complex) if order else np.zeros((len(places), 0), complex)
+        poles: Complexes = np.linalg.eigvals(companion).astype(np.complex128) if order else np.zeros((len(places), 0), np.complex128)
         slopes = below[:, :-1] * np.arange(below.shape[1] - 1, 0, -1)
         with np.errstate(divide="ignore", invalid="ignore"):
             weights = _valued(above, poles) / _valued(slopes, poles)
         counted = np.where(poles.imag > 0, 2.0, np.where(poles.imag < 0, 0.0, 1.0))
-        return Scan(places, poles, np.nan_to_num(weights * counted))
+        # Plants that are unstable or drift are refused where they are met; here they must only not be in the way.
+        sound = np.where(poles == 0.0, 1e-300, np.minimum(poles.real, 0.0) + 1j * poles.imag)
+        return Scan(places, sound, np.nan_to_num(weights * counted, posinf=0.0, neginf=0.0))
 
     def sizes(self, command: Staircase, periods: float) -> Reals:
         """The peak of each plant's residual, looked at for so many `periods` of its slowest mode; where modes last, their sum."""
         if not self.poles.shape[1]:
             return np.zeros(len(self.places))
-        with np.errstate(over="ignore"):
-            grown = np.exp(self.poles[:, :, None] * command.to_go)  # stable: at most 1
+        grown = np.exp(self.poles[:, :, None] * command.to_go)
         motions = self.weights / self.poles * (grown @ command.jumps)
         moduli = np.abs(motions)
         fastest, slowest = np.abs(self.poles).max(axis=1), np.abs(self.poles).min(axis=1)

@@ -19,6 +19,8 @@ from relaxations.sampled_shapers import sampled
 from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper, convolve
 
+TOLERANCE, BAND = 0.05, (0.8, 1.2)  # unless a request says otherwise
+
 
 @dataclass(frozen=True, slots=True)
 class Request:
@@ -30,8 +32,8 @@ class Request:
     """
 
     modes: tuple[Mode, ...]
-    tolerance: float = 0.05
-    band: tuple[float, float] = (0.8, 1.2)
+    tolerance: float = TOLERANCE
+    band: tuple[float, float] = BAND
     negative: float | None = None
     sums: tuple[float, float] | None = None
     sample_time: float | None = None
@@ -66,7 +68,8 @@ class Kind:
     needs: frozenset[str] = frozenset()
 
 
-OPTIONS = {"negative": "--negative", "sums": "--sums", "sample_time": "--sample-time", "simultaneous": "--simultaneous"}
+OPTIONS = ("negative", "sums", "sample_time", "simultaneous")
+"""Members of `Request` that belong to some kinds only."""
 
 
 def make(name: str, request: Request) -> Made:
@@ -75,7 +78,9 @@ def make(name: str, request: Request) -> Made:
     Raises `ShaperError` naming what is wrong with the request, `ImpossibleShaperError` if there is no such shaper.
     """
     kind, number = find(name)
-    wrong = mistakes(kind, name, request) + ([] if request.modes else ["a shaper needs at least one mode"])
+    wrong = [f"{option}: {problem}" for option, problem in mistakes(kind, name, request)]
+    if not request.modes:
+        wrong.append("a shaper needs at least one mode")
     if wrong:
         raise ShaperError("; ".join(wrong))
     return kind.make(request, number)
@@ -90,16 +95,15 @@ def find(name: str) -> tuple[Kind, int]:
     raise ShaperError(f"there is no shaper {name!r}; the kinds are {', '.join(kind.written for kind in KINDS)}")
 
 
-def mistakes(kind: Kind, name: str, request: Request) -> list[str]:
-    """Options that this kind does not take, and those that it needs."""
+def mistakes(kind: Kind, name: str, request: Request) -> list[tuple[str, str]]:
+    """Options that this kind does not take, and those that it needs, each with what is wrong."""
     given = {option for option in OPTIONS if getattr(request, option) not in (None, False)}
-    wrong = [f"{OPTIONS[option]} says nothing about {name}: it is for {_takers(option)}" for option in sorted(given - kind.takes)]
-    wrong += [f"{name} needs {OPTIONS[option]}" for option in sorted(kind.needs - given)]
-    return wrong
+    wrong = [(option, f"says nothing about {name}; it is for {_takers(option)}") for option in sorted(given - kind.takes)]
+    return wrong + [(option, f"is missing; {name} needs it") for option in sorted(kind.needs - given)]
 
 
 def _takers(option: str) -> str:
-    return ", ".join(kind.written for kind in KINDS if option in kind.takes)
+    return ", ".join(kind.written for kind in KINDS if option in kind.takes and kind.written != "none")
 
 
 def _in_turn(modes: Sequence[Mode], one: Callable[[Mode], Shaper]) -> Shaper:
@@ -181,6 +185,8 @@ def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> M
 
 _EITHER = frozenset({"simultaneous"})
 KINDS = (
+    # It takes every option, so that a request can be compared with what is left without a shaper by changing one word.
+    Kind("none", "none", "unshaped: one impulse at once", lambda request, number: Made(Shaper((0.0,), (1.0,))), frozenset(OPTIONS)),
     Kind("zv, zvd, zvdd, zv-d:N", r"zv(?:(?P<d>d*)|-d:(\d+))", "zero vibration, and N derivatives of it", _derivatives,
          _EITHER | {"sample_time"}),
     Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps),

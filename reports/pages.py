@@ -62,6 +62,7 @@ def render(results: Mapping[str, Any], charts: Mapping[str, str]) -> str:
         requirements=[_requirement(r) for r in results["requirements"]],
         bound=_bound(results["bound"]),
         command=_command(results["command"]),
+        shaper=_shaper(results.get("shaper")),
         task=_task(results),
         runs=_runs(results),
         units=[{**u, "value": formatting.with_unit(formatting.number(u["value"]), u["unit"])} for u in results.get("units", ())],
@@ -144,17 +145,40 @@ def _command(command: Mapping[str, Any] | None) -> dict[str, Any] | None:
     return {"rows": rows[:MOST_SEGMENTS], "left_out": len(rows[MOST_SEGMENTS:]), "end": end, "tail": command["tail"]}
 
 
+def _shaper(shaper: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """The shaper of the command, and what is proven of it."""
+    if shaper is None:
+        return None
+    reference = shaper["reference"]
+    lasting = f", which takes {formatting.number(reference['maneuver_time'])} s,"
+    what = {"step": "a step", "rigid": f"the fastest move of the rigid part{lasting}", "file": f"the command of a file{lasting}"}
+    (low, high), damping = shaper["box"]["frequency"], shaper["box"]["damping"]
+    damped = "" if damping is None else f" and damping ratios from {formatting.number(damping[0])} to {formatting.number(damping[1])}"
+    modes = (f"{formatting.number(m['frequency'])} rad/s with damping {formatting.number(m['damping'])}" for m in shaper["modes"])
+    return {
+        **shaper,
+        "reference": what.get(reference["kind"], str(reference["kind"])),
+        "modes": ", ".join(modes),
+        "impulses": list(zip(shaper["times"], shaper["amplitudes"], strict=True)),
+        "least": shaper["least_duration"],
+        "worst": "{} to {}".format(*map(formatting.exact, shaper["worst_residual"])),
+        "box": f"frequencies from {formatting.number(low)} to {formatting.number(high)} times the modelled ones{damped}",
+    }
+
+
 def _task(results: Mapping[str, Any]) -> dict[str, str]:
     """What was asked, in words."""
     plant, task = results["plant"], results["task"]
     given, taken = plant["input"], plant["output"]
     low, high = (formatting.number(x) for x in task["input_limits"])
     rest = {"state": "at rest in every state", "output": "output at rest, the input may still decay"}
+    sampled = {"Sample time": formatting.with_unit(formatting.number(task["sample_time"]), "s")} if task.get("sample_time") else {}
     return {
         "Move": f"{taken['name']} by {formatting.with_unit(formatting.number(task['displacement']), taken['unit'])}, rest to rest",
         "Input limits": f"{given['name']} from {low} to {formatting.with_unit(high, given['unit'])}",
+        **sampled,
         "At rest": rest.get(task["rest"], str(task["rest"])),
-        "Robustness": _robustness(task["robustness"]),
+        "Robustness": "as far as the shaper goes" if results.get("shaper") else _robustness(task["robustness"]),
     }
 
 

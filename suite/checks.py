@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.metadata
 import platform
 import tokenize
@@ -15,6 +16,8 @@ from relaxations.checking.claims import Check, Outcome, check, claim
 CERTIFICATE = "certificate.json"
 EXIT = {Outcome.PROVED: 0, Outcome.REFUTED: 1, Outcome.MALFORMED: 2, Outcome.INCONCLUSIVE: 3}
 CODE = {tokenize.NAME, tokenize.NUMBER, tokenize.STRING, tokenize.OP}
+EVERY_TASK = {"balls", "claims", "lower", "reading", "upper"}
+"""The checker's modules that every certificate goes through; what else it imports serves tasks of one kind."""
 ORDER = (2, 1, 3, 0)
 """Exit codes from worst to best."""
 
@@ -45,7 +48,7 @@ class Checked:
         found = self.check
         lines = [f"{self.path}", *claim(found).splitlines()]
         versions = f"python-flint {importlib.metadata.version('python-flint')}, CPython {platform.python_version()}"
-        lines.append(f"Trust base: {versions}, {size()} lines of code in the checker.")
+        lines.append(f"Trust base: {versions}, {trusted()} in the checker.")
         if self.study is not None:
             lines.append(f"Study: {self.study}" + (f" ({self.why})" if self.why else ""))
         reason = f": {found.reason}" if found.reason else ""
@@ -53,14 +56,36 @@ class Checked:
         return [*lines, f"{found.outcome.value.upper()}{reason} ({found.seconds:.3f} s{at})"]
 
 
-def size() -> int:
-    """Lines of the checker's code: what a reader has to trust. Comments, docstrings and blank lines are no code."""
-    lines = 0
-    for path in Path(checking.__file__).parent.glob("*.py"):
-        with tokenize.open(path) as file:
+def modules(start: str = "claims") -> tuple[str, ...]:
+    """The checker's modules that a check imports, by the import statements in their sources: `start`, and what these name in turn."""
+    folder, found, waiting = Path(checking.__file__).parent, [], [start]
+    while waiting:
+        module = waiting.pop()
+        if module in found or not (folder / f"{module}.py").is_file():
+            continue
+        found.append(module)
+        for node in ast.walk(ast.parse((folder / f"{module}.py").read_bytes())):
+            if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(f"{checking.__name__}."):
+                below = str(node.module).removeprefix(checking.__name__).removeprefix(".")
+                waiting += [below] if below else [name.name for name in node.names]
+    return tuple(sorted(found))
+
+
+def sizes() -> dict[str, int]:
+    """Lines of code of each module that `slewcert check` imports. Comments, docstrings and blank lines are no code."""
+    found = {}
+    for module in modules():
+        with tokenize.open(Path(checking.__file__).with_name(f"{module}.py")) as file:
             code = [token for token in tokenize.generate_tokens(file.readline) if token.type in CODE and token.line.strip()[:3] != '"""']
-        lines += len({line for token in code for line in range(token.start[0], token.end[0] + 1)})
-    return lines
+        found[module] = len({line for token in code for line in range(token.start[0], token.end[0] + 1)})
+    return found
+
+
+def trusted() -> str:
+    """What a reader has to trust: lines of code in all, and those that only tasks of one kind need."""
+    lines = sizes()
+    special = ", ".join(f"{count} for {module}" for module, count in lines.items() if module not in EVERY_TASK)
+    return f"{sum(lines.values())} lines of code" + (f" ({special})" if special else "")
 
 
 def check_path(path: Path, study: Path | None = None) -> Checked:

@@ -283,16 +283,16 @@ def shaper(as_json: bool, plot: Path | None, exports: tuple[Path, ...], save: Pa
 
     Exit code 0: done; 1: there is no such shaper; 2: bad input.
     """
-    from suite import console, shaping
+    from suite import console, shaper_files, shaping
 
-    shaping.known(exports)
+    shaper_files.known(exports)
     done = shaping.design(shaping.Asked(**words))
     for path in exports:
-        shaping.export(done, path)
+        shaper_files.export(done, path)
     if save:
-        shaping.save(done, save)
+        shaper_files.save(done, save)
     if plot:
-        shaping.draw(done, plot)
+        shaper_files.draw(done, plot)
     if as_json:
         print_json(done.to_dict())
     else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+from decimal import ROUND_CEILING, ROUND_FLOOR
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -17,6 +17,8 @@ from rich.table import Table
 from suite.campaign import RunResult
 from suite.evidence import number
 from suite.inspecting import summary, terminal_lines, variable_rows
+from suite.rounding import outward
+from suite.shaper_text import shaper_lines, study_lines
 from suite.verification import Progress, Verification
 
 if TYPE_CHECKING:
@@ -93,6 +95,9 @@ def show_verification(done: Verification) -> None:
         if entry["verdict"] != "pass":
             console.print(f"{_coloured(entry['verdict'])}  {escape(entry['id'])}: {escape(entry['reason'])}", soft_wrap=True)
     _show_bracket(console, results["bound"])
+    if results["shaper"] is not None:
+        for line in study_lines(results["shaper"]):
+            console.print(escape(line), soft_wrap=True)
     runs = results["runs"]
     console.print(f"runs: {runs['total']} in all, {runs['passed']} passed, {runs['failed']} failed, {runs['errors']} in error")
     for line in _worst_case(results):
@@ -160,7 +165,7 @@ def show_collection(table: Sequence[Bracketed]) -> None:
     for done in table:
         bound, plant = done.design.bound, done.design.plant
         zeros = sum(zero.multiplicity * (2 if zero.is_flexible else 1) for zero in plant.zeros)
-        sides = ("–", "–") if done.impossible else (_outward(bound.lower, ROUND_FLOOR), _outward(bound.upper, ROUND_CEILING))
+        sides = ("–", "–") if done.impossible else (outward(bound.lower, ROUND_FLOOR), outward(bound.upper, ROUND_CEILING))
         gap = "–" if done.impossible or bound.gap is None else f"{bound.gap:.1e}"
         switches = "–" if bound.switches is None else str(bound.switches)
         ends = (gap, bound.status.name.lower(), f"{1000 * bound.seconds:.0f}")
@@ -169,15 +174,6 @@ def show_collection(table: Sequence[Bracketed]) -> None:
     console.print(shown)
     proved = sum(done.design.bound.status.name != "BRACKETED" for done in table)
     console.print(f"{len(table)} studies, {proved} proven")
-
-
-def _outward(value: float | None, rounding: str) -> str:
-    """12 decimals, of small numbers 13 digits, rounded so that a bound stays one."""
-    if value is None:
-        return "–"
-    exact = Decimal(value)
-    decimals = max(12, 12 - exact.adjusted()) if exact < Decimal("0.1") and exact else 12
-    return f"{exact.quantize(Decimal(1).scaleb(-decimals), rounding):f}"
 
 
 def _show_bracket(console: Console, bound: Mapping[str, Any]) -> None:
@@ -365,22 +361,15 @@ def _shares(states: Sequence[str], participation: Sequence[float]) -> str:
 
 def show_shaper(done: Shaping) -> None:
     """Impulses, duration with its lower bound, insensitivity, and the proven worst case."""
-    console, request = _out(), done.request
+    console = _out()
     table = Table(escape("instant [s]"), "amplitude")
     for column in table.columns:
         column.justify = "right"
     for time, amplitude in zip(done.shaper.times, done.shaper.amplitudes, strict=True):
         table.add_row(f"{time:.10f}", f"{amplitude:.10f}")
     console.print(table)
-    console.print(f"duration: {done.shaper.duration!r} s", soft_wrap=True)
-    if done.least:
-        console.print(escape(f"least duration of {done.least.among}: {done.least.duration!r} s: proved"), soft_wrap=True)
-    console.print(f"insensitivity at {100 * request.tolerance:g} %: {done.insensitivity:.6f} of the frequency (measured)")
-    low, high = done.damping or (None, None)
-    damping = "" if low is None else f", damping {low:g} to {high:g}"
-    box = f"frequency × {request.band[0]:g} to {request.band[1]:g}{damping}"
-    interval = f"[{_outward(done.worst.lower, ROUND_FLOOR)}, {_outward(done.worst.upper, ROUND_CEILING)}]"
-    console.print(escape(f"worst residual vibration, {box}: {interval}, mode {done.worst_mode}: proved"), soft_wrap=True)
+    for line in shaper_lines(done):
+        console.print(escape(line), soft_wrap=True)
 
 
 def _coloured(verdict: str) -> str:

@@ -10,13 +10,13 @@ from fmus.errors import FmuError
 from fmus.stepping import require_multiples
 from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
-from relaxations.errors import ManeuverError, SolverError
+from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
-from relaxations.sampling import Sampled, sampled_minimum
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.plants import box, nominal_plant
+from suite.shaped import Shaped, shaped
 from suite.study import Study
 
 
@@ -24,25 +24,51 @@ from suite.study import Study
 class Design:
     """What a study comes to: the linear plant, the problem it poses, the bracket, and the command (None if none was found).
 
-    `sampled` is where the command comes from if the FMU's step size forces it onto a grid.
+    `sampled` is where the command comes from if the FMU's step size forces it onto a grid: the bracket of such commands, of `step` [s].
     """
 
     plant: LinearPlant
     problem: Problem
     bound: Bound
     command: Command | None
-    sampled: Sampled | None = None
+    sampled: Bound | None = None
+    step: float | None = None
+    shaped: Shaped | None = None
+
+    @property
+    def samples(self) -> int | None:
+        """How many steps the command on the FMU's grid takes."""
+        if self.sampled is None or self.sampled.upper is None or self.step is None:
+            return None
+        return round(self.sampled.upper / self.step)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What a reader should know about the command."""
-        if self.sampled is None or self.bound.lower <= 0.0:
+        if self.shaped is not None and self.command is not None:
+            return (self._told_of(self.shaped),)
+        if self.sampled is None or self.sampled.upper is None or self.bound.lower <= 0.0:
             return ()
-        found, time = self.sampled, self.sampled.command.maneuver_time
+        time, least = self.sampled.upper, round(self.sampled.lower / (self.step or 1.0))
+        proven = self.sampled.status is Status.PROVED
         return (
-            f"The FMU takes communication steps of {found.step:.9g} s only: the command is one of {found.samples} such samples and takes "
+            f"The FMU takes communication steps of {self.step:.9g} s only: the command is one of {self.samples} such samples and takes "
             f"{time:.9g} s, {time - self.bound.lower:.3g} s ({time / self.bound.lower - 1.0:.2%}) more than the lower bound. "
-            "That no fewer samples do is computed, not proven.",
+            f"That no command of fewer than {least} samples does is {'proven' if proven else 'computed, not proven'}.",
+        )
+
+    def _told_of(self, shaped: Shaped) -> str:
+        """That the command is another one than the bracket's."""
+        assert self.command is not None
+        time, lower = self.command.maneuver_time, self.bound.lower
+        more = ""
+        if lower > 0.0:
+            more = f", {abs(time / lower - 1.0):.2%} {'more' if time >= lower else 'less'} than the lower bound"
+            more += "" if time >= lower else ", so it cannot leave the linear plant at rest"
+        what = {"step": "a step", "rigid": "the fastest move of the rigid part", "file": "a command file"}[shaped.reference]
+        return (
+            f"The command is {what}, shaped ({shaped.shaping.kind}); it takes {time:.9g} s{more}. It is measured; proven is what stands "
+            "with its shaper, and the bracket, which is about the fastest of all commands."
         )
 
 
@@ -58,6 +84,7 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
         None if length is None else (Fraction(length[0]), Fraction(length[1])),
         {name: (Fraction(shift), Fraction(residual)) for name, (shift, residual) in study.limits.zero_sensitivity.items()},
         box=box(study) if robust == "box" else None,
+        sample_time=None if study.limits.sample_time is None else Fraction(study.limits.sample_time),
     )
     try:
         return problem([plant], maneuver)
@@ -66,17 +93,19 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
 
 
 def design(study: Study) -> Design:
-    """Bracket the study's minimum time and choose the command: the bracket's own, or the one given as a file; begun at `command.start`."""
+    """Bracket the study's minimum time and choose the command, begun at `command.start`: the bracket's own, a shaped one, or a file's."""
     plant = nominal_plant(study)
     posed = pose(study, plant)
     bound = minimum_time(posed)
-    command = study.command.given or bound.command
+    asked = study.command.shaper
+    made = None if asked is None or bound.status is Status.IMPOSSIBLE else shaped(study, asked, plant, posed)
+    command = made.command if made is not None else study.command.given or bound.command
     if command is not None and study.command.start:
         if not command.segments:
             why = "the command is a tail alone, without a segment whose start could be shifted; leave it out"
             raise StudyError(str(study.file), [Mistake("command.start", study.command.start, why)])
         command = command.shifted(float(study.command.start))
-    return Design(plant, posed, bound, command)
+    return Design(plant, posed, bound, command, shaped=made)
 
 
 def grid_step(study: Study) -> float | None:
@@ -99,26 +128,34 @@ def on_grid(study: Study, made: Design) -> Design:
 
     Raises `StudyError` if there is none, or if the command that was given is not on the grid.
     """
-    step = grid_step(study)
+    step, asked = grid_step(study), study.limits.sample_time
     if step is None or made.command is None:
         return made
-    given = study.command.kind == "file"
+    if asked is not None:
+        samples = Fraction(asked) / Fraction(repr(step))
+        if samples.denominator != 1:
+            why = f"is no multiple of the FMU's communication step, {step!r} s, and it takes steps of that size only"
+            raise StudyError(str(study.file), [Mistake("limits.sample_time", asked, why)])
+    given = study.command.kind in ("file", "shaper")
     try:
         if study.command.start:
             require_multiples([float(study.command.start)], step)
-        if given:
+        if given or asked is not None:
             require_multiples(made.command.breakpoints, step)
             return made
-    except FmuError as problem:
-        place = "command.file" if given else "command.start"
-        why = f"the FMU takes communication steps of one size only, but {problem}"
+    except FmuError as trouble:
+        place = f"command.{study.command.kind}" if given else "command.start"
+        why = f"the FMU takes communication steps of one size only, but {trouble}"
         raise StudyError(str(study.file), [Mistake(place, ABSENT, why)]) from None
     try:
-        sampled = sampled_minimum(made.problem, step, made.bound.lower)
-    except SolverError as problem:
-        why = f"the FMU takes communication steps of {step!r} s only: {problem}"
+        sampled = minimum_time(problem([made.plant], replace(made.problem.maneuver, sample_time=Fraction(repr(step)))))
+    except ManeuverError as refused:
+        why = f"the FMU takes communication steps of {step!r} s only: {refused}"
         raise StudyError(str(study.file), [Mistake("command", ABSENT, why)]) from None
-    return replace(made, command=sampled.command.shifted(float(study.command.start)), sampled=sampled)
+    if sampled.command is None:
+        why = f"the FMU takes communication steps of {step!r} s only: {sampled.reason or sampled.status.value}"
+        raise StudyError(str(study.file), [Mistake("command", ABSENT, why)])
+    return replace(made, command=sampled.command.shifted(float(study.command.start)), sampled=sampled, step=step)
 
 
 def bound_record(bound: Bound, command: Command | None, rest: float, certificate: str | None = None) -> dict[str, object]:

@@ -16,11 +16,13 @@ from relaxations.response import jumps
 from relaxations.sensitivity import residual
 from reports import charts, files, junit, layouts, logs, manifest, pages
 from suite.campaign import RunResult
-from suite.checks import CERTIFICATE, size
+from suite.checks import CERTIFICATE, trusted
 from suite.design import Design, bound_record
 from suite.observations import INPUT, observe
 from suite.quantities import Observation
 from suite.quantity_names import UnitKind
+from suite.shaped import Shaped
+from suite.shaper_files import chart
 from suite.study import Requirement, Study
 from suite.study_file import printable
 from suite.units import Scale, as_declared
@@ -36,7 +38,7 @@ UNPROVEN = (
 )
 NO_REQUIREMENT = "The study has no requirement: the command was run and measured, but nothing was judged."
 TRUST_BASE = (
-    "For the bracket: python-flint {flint}, CPython {python}, {lines} lines of checker code that share nothing with what solves.",
+    "For the bracket: python-flint {flint}, CPython {python}, {lines} in the checker, which shares nothing with what solves.",
     "For the runs: the FMU's own binary and its solver, run in a process of its own.",
     "For the verdicts: the numerical error that a finer run shows; NumPy, and the quantities' definitions, which review applies again.",
 )
@@ -79,12 +81,14 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
             "robustness": dict(study.command.robustness) if isinstance(study.command.robustness, Mapping) else study.command.robustness,
             "kind": study.command.kind,
             "start": float(study.command.start),
+            "sample_time": None if study.limits.sample_time is None else float(study.limits.sample_time),
             "rest": "output" if study.command.tail else "state",
         },
         "bound": bound,
         "command": None if design.command is None else design.command.to_dict(),
+        "shaper": None if design.shaped is None else _shaper(design.shaped),
         "simulation": None if not runs else runs[0].simulation,
-        "grid": None if design.sampled is None else {"step": design.sampled.step, "samples": design.sampled.samples},
+        "grid": None if design.sampled is None else {"step": design.step, "samples": design.samples},
         "confinement": _confinement(study),
         "requirements": [_requirement(judgement, _si_scale(study, judgement.requirement)) for judgement in judgements],
         "runs": tally(runs),
@@ -106,6 +110,11 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
     }
 
 
+def _shaper(made: Shaped) -> dict[str, Any]:
+    """The shaper of the command with what is proven of it, and what it shapes."""
+    return {**made.shaping.to_dict(), "reference": {"kind": made.reference, "maneuver_time": made.reference_time}}
+
+
 def _confinement(study: Study) -> dict[str, Any]:
     """The limits of the FMU's processes."""
     limits = in_force(study.simulation.confinement)
@@ -120,7 +129,7 @@ def _confinement(study: Study) -> dict[str, Any]:
 
 def _trust_base() -> list[str]:
     flint, python = importlib.metadata.version("python-flint"), platform.python_version()
-    return [line.format(flint=flint, python=python, lines=size()) for line in TRUST_BASE]
+    return [line.format(flint=flint, python=python, lines=trusted()) for line in TRUST_BASE]
 
 
 def environment() -> dict[str, str]:
@@ -237,7 +246,9 @@ def draw(results: Mapping[str, Any], design: Design, requirements: Sequence[Requ
         for requirement in requirements:
             if requirement.scope == "box":
                 drawings |= _sweep_chart(results, axis, others, requirement)
-    if design.plant.flexible and design.command is not None:
+    if design.shaped is not None:
+        drawings[f"Shaper {design.shaped.shaping.kind}"] = chart(design.shaped.shaping)
+    if design.plant.flexible and design.command is not None and not any(segment.slope for segment in design.command.segments):
         drawings["Sensitivity of the command"] = _sensitivity_chart(design, results)
     return drawings
 

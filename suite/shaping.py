@@ -7,24 +7,19 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from pathlib import Path
 from typing import Any, TypeVar
-
-import numpy as np
 
 from relaxations.checking.worst import Worst, worst_residual
 from relaxations.errors import RelaxationsError, ShaperError
-from relaxations.sensitivity import insensitivity, residual, step_response
+from relaxations.sensitivity import insensitivity
 from relaxations.shaper_kinds import KINDS, Least, Request, find, make, mistakes
 from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper
-from reports.files import json_bytes, write_atomically
 from suite.errors import SuiteError
 from suite.suggestions import did_you_mean
 from suite.values import mode_text
 
 UNITS = {"Hz": 2.0 * math.pi, "rad/s": 1.0}
-CURVE, STEPS = 601, 801  # samples of the two charts
 PROVEN = 1e-10  # how closely the worst case is enclosed: closer than a shaper is designed below its tolerance
 R = TypeVar("R")
 
@@ -62,6 +57,8 @@ class Shaping:
         least = self.least and {"lower": self.least.duration, "among": self.least.among}
         return {
             "kind": self.kind,
+            "modes": [{"frequency": mode.frequency, "damping": mode.damping} for mode in self.request.modes],
+            "box": {"frequency": list(self.request.band), "damping": None if self.damping is None else list(self.damping)},
             "times": list(self.shaper.times),
             "amplitudes": list(self.shaper.amplitudes),
             "duration": self.shaper.duration,
@@ -78,7 +75,15 @@ def design(asked: Asked) -> Shaping:
     Raises `SuiteError` naming every mistake, `ImpossibleShaperError` if there is no such shaper.
     """
     request, damping = _request(asked)
-    made = make(asked.kind, request)
+    return assess(asked.kind, request, damping)
+
+
+def assess(kind: str, request: Request, damping: tuple[float, float] | None = None) -> Shaping:
+    """The shaper of a kind, and its proven worst residual over the band and these dampings (None: those of the modes).
+
+    Raises `ShaperError`, `ImpossibleShaperError`, `SolverError`.
+    """
+    made = make(kind, request)
     times, amplitudes = made.shaper.times, made.shaper.amplitudes
     exact = [Fraction(t) for t in times], [Fraction(a) for a in amplitudes]
     found: list[Worst] = []
@@ -92,7 +97,7 @@ def design(asked: Asked) -> Shaping:
     # The largest residual of all modes is at least the largest of their lower ends.
     bottom = max(found, key=lambda one: one.lower)
     both = Worst(bottom.lower, found[worst].upper, bottom.frequency, bottom.damping, sum(one.cells for one in found))
-    return Shaping(asked.kind, request, made.shaper, made.least, width, both, found.index(bottom) + 1, damping)
+    return Shaping(kind, request, made.shaper, made.least, width, both, found.index(bottom) + 1, damping)
 
 
 def _request(asked: Asked) -> tuple[Request, tuple[float, float] | None]:
@@ -105,7 +110,7 @@ def _request(asked: Asked) -> tuple[Request, tuple[float, float] | None]:
             wrong.append(f"{name}: {problem}")
             return None
 
-    modes = [tried(f"--mode {text}", lambda text=text: _mode(text)) for text in asked.modes]
+    modes = [tried(f"--mode {text}", lambda text=text: mode_of(text)) for text in asked.modes]
     band = tried(f"--band {asked.band}", lambda: _interval(asked.band, "factors of the mode's frequency, such as 0.8:1.2"))
     damping = tried(f"--damping {asked.damping}", lambda: _interval(asked.damping, "damping ratios, such as 0:0.05"))
     sums = tried(f"--sums {asked.sums}", lambda: _interval(asked.sums, "bounds of the partial sums, such as -0.5:1.5"))
@@ -127,7 +132,7 @@ def _request(asked: Asked) -> tuple[Request, tuple[float, float] | None]:
     )  # fmt: skip
     try:
         kind, _ = find(asked.kind)
-        wrong += mistakes(kind, asked.kind, request)
+        wrong += [f"--{option.replace('_', '-')} {problem}" for option, problem in mistakes(kind, asked.kind, request)]
     except ShaperError as problem:
         names = [name for kind in KINDS for name in kind.written.split(", ")]
         wrong.append(f"{problem}{did_you_mean(asked.kind, names)}")
@@ -136,7 +141,8 @@ def _request(asked: Asked) -> tuple[Request, tuple[float, float] | None]:
     return request, damping
 
 
-def _mode(text: str) -> Mode:
+def mode_of(text: str) -> Mode:
+    """A mode as it is written, "1.0Hz:0.05"; raises `ValueError`, `ShaperError`."""
     found = re.fullmatch(r"(.+?)\s*(Hz|rad/s)\s*:\s*(.+)", mode_text(text))
     if found is None:
         raise ValueError('must be FREQUENCY(Hz|rad/s):DAMPING, such as "1.0Hz:0.05"')
@@ -153,91 +159,3 @@ def _interval(text: str | None, what: str) -> tuple[float, float] | None:
     if not (math.isfinite(low) and math.isfinite(high) and low <= high):
         raise ValueError(f"must be LOW:HIGH with LOW ≤ HIGH, {what}")
     return low, high
-
-
-def picture(done: Shaping) -> str:
-    """The sensitivity curve and the shaped step as SVG text that needs no page around it."""
-    from reports import charts
-
-    shaper, modes = done.shaper, done.request.modes
-    low, high = done.request.band
-    margin = 0.5 * (high - low) + 0.1
-    factors = np.linspace(max(low - margin, 0.01), high + margin, CURVE)
-    slowest = max(mode.half_period for mode in modes)
-    instants = np.linspace(-0.5 * slowest, shaper.duration + 4.0 * slowest, STEPS)
-    labels = [f"{mode.frequency / (2 * math.pi):.4g} Hz, damping {mode.damping:.3g}" for mode in modes]
-    return charts.standalone(
-        charts.shaping(
-            f"Shaper {done.kind}",
-            factors,
-            {label: 100.0 * residual(shaper.times, shaper.amplitudes, factors * mode.frequency, mode.damping)
-             for label, mode in zip(labels, modes, strict=True)},
-            instants,
-            np.sum([np.where(instants >= t, a, 0.0) for t, a in zip(shaper.times, shaper.amplitudes, strict=True)], axis=0),
-            {label: step_response(shaper.times, shaper.amplitudes, mode.frequency, mode.damping, instants)
-             for label, mode in zip(labels, modes, strict=True)},
-            band=done.request.band,
-            limit=charts.Limit(100.0 * done.request.tolerance, f"tolerance, {100.0 * done.request.tolerance:g} %"),
-        )
-    )  # fmt: skip
-
-
-def save(done: Shaping, path: Path) -> None:
-    """The shaper as a shaper file (`slewcert-shaper/1`), which `slewcert fmus export` makes an FMU of."""
-    write_atomically(path, json_bytes(done.shaper.to_dict()))
-
-
-def draw(done: Shaping, path: Path) -> None:
-    """`picture` to a file."""
-    write_atomically(path, picture(done).encode())
-
-
-def known(paths: Sequence[Path]) -> None:
-    """Raises `SuiteError` for files whose ending says nothing of whom they are for."""
-    if unknown := [str(path) for path in paths if path.suffix not in EXPORTS]:
-        raise SuiteError(
-            f"{', '.join(unknown)}: the ending says for whom a shaper is written: .cfg for Klipper, .g for RepRapFirmware, .h for C"
-        )
-
-
-def export(done: Shaping, path: Path) -> None:
-    """The shaper for other programs, by the file's ending (`known`)."""
-    write_atomically(path, EXPORTS[path.suffix](done).encode())
-
-
-def _klipper(done: Shaping) -> str:
-    """Klipper: amplitudes and instants [s] of a custom shaper, for both axes."""
-    lines = ["[input_shaper]"]
-    for axis in "xy":
-        lines += [f"shaper_type_{axis}: custom", f"shaper_a_{axis}: {_list(done.shaper.amplitudes, ', ')}"]
-        lines += [f"shaper_t_{axis}: {_list(done.shaper.times, ', ')}"]
-    return "\n".join(lines) + "\n"
-
-
-def _reprapfirmware(done: Shaping) -> str:
-    """RepRapFirmware: amplitudes but the last, which makes the sum 1, and delays [s] of the later impulses from the first one."""
-    return f'M593 P"custom" H{_list(done.shaper.amplitudes[:-1], ":")} T{_list(done.shaper.times[1:], ":")}\n'
-
-
-def _header(done: Shaping) -> str:
-    """C: a header with the taps."""
-    count = len(done.shaper.times)
-    return "\n".join(
-        [
-            f"/* Shaper {done.kind}: amplitudes sum to 1, instants in seconds. */",
-            "#ifndef SHAPER_TAPS_H",
-            "#define SHAPER_TAPS_H",
-            f"#define SHAPER_TAPS {count}",
-            f"static const double shaper_times[SHAPER_TAPS] = {{{_list(done.shaper.times, ', ')}}};",
-            f"static const double shaper_amplitudes[SHAPER_TAPS] = {{{_list(done.shaper.amplitudes, ', ')}}};",
-            "#endif",
-            "",
-        ]
-    )
-
-
-def _list(numbers: Sequence[float], between: str) -> str:
-    return between.join(f"{number:.17g}" for number in numbers)
-
-
-EXPORTS: dict[str, Callable[[Shaping], str]] = {".cfg": _klipper, ".g": _reprapfirmware, ".h": _header}

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal
 
 from fmus.confinement import Confinement
 from relaxations.commands import Command
+from relaxations.shaper_kinds import Request
 from suite.quantity_names import Quantity
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class FmuPlant:
     """An FMU and the start values that the study sets on it; `name` as written in the study.
 
     It settles for `settle` [s] (infinite: until it rests) before anything begins. `linearization` names the linear plant that is asked
-    for, `identification` what of an identification is given.
+    for, `identification` what of an identification is given. `step` is the study's communication step [s], if it asks for one.
     """
 
     name: str
@@ -43,6 +44,7 @@ class FmuPlant:
     settle: float = 0.0
     linearization: Literal["auto", "twin", "derivatives", "differences", "identified"] = "auto"
     identification: Probe | None = None
+    step: float | None = None
 
     @property
     def method(self) -> Literal["auto", "derivatives", "differences", "identified"]:
@@ -126,30 +128,48 @@ class Maneuver:
 @dataclass(frozen=True, slots=True)
 class Limits:
     """`lower ≤ u(t) ≤ upper`, absolute, input units; of a tail also (seconds after the move, fraction of the nearer limit's distance), and
-    (shift as a fraction of its magnitude, residual as a fraction of the displacement) for zeros that may be elsewhere, by name."""
+    (shift as a fraction of its magnitude, residual as a fraction of the displacement) for zeros that may be elsewhere, by name. With a
+    `sample_time` [s] the input is constant over each sample."""
 
     lower: Decimal
     upper: Decimal
     tail_length: tuple[Decimal, Decimal] | None = None
     zero_sensitivity: Mapping[str, tuple[Decimal, Decimal]] = field(default_factory=dict)
+    sample_time: Decimal | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ShaperRequest:
+    """A shaper of this `kind`, as `request` says (no modes: the plant's own), its worst case over these `damping` ratios.
+
+    `reference` is what it shapes: "step", "rigid" (the fastest move of the rigid part), a command, or None: whichever of the two suits.
+    """
+
+    kind: str
+    request: Request
+    damping: tuple[float, float] | None = None
+    reference: Literal["step", "rigid"] | Command | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class CommandRequest:
-    """What command is asked for: the fastest one with `robustness` further zeros at each flexible mode, or the one in `file` (`given`).
+    """What command is asked for: the fastest one with `robustness` further zeros at each flexible mode, the one that a `shaper` makes, or
+    the one in `file` (`given`).
 
     `robustness` may count them mode by mode (`{"mode[2]": 1, "real[1]": 1}`), or be "box": every plant of the box may keep a residual of
-    `tolerance`, a fraction of the displacement. With `tail` only the output has to rest. The command begins `start` seconds after the
-    beginning of a run.
+    `tolerance`, a fraction of the displacement, and come to rest up to `final_tolerance` of it from the target (None: anywhere). With
+    `tail` only the output has to rest. The command begins `start` seconds after the beginning of a run.
     """
 
-    kind: Literal["time-optimal", "file"] = "time-optimal"
+    kind: Literal["time-optimal", "shaper", "file"] = "time-optimal"
     robustness: int | Mapping[str, int] | Literal["box"] = 0
     tail: bool = False
     tolerance: Decimal | None = None
+    final_tolerance: Decimal | None = None
     start: Decimal = Decimal(0)
     file: Path | None = None
     given: Command | None = None
+    shaper: ShaperRequest | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
 from fmus.confinement import MEBIBYTE, Confinement
 from fmus.errors import FmuError
 from relaxations.commands import Command
-from relaxations.errors import CommandError, PlantError
+from relaxations.errors import PlantError
 from suite import schema
 from suite.errors import ABSENT, Mistake
 from suite.plants import linear_plant
@@ -23,6 +22,7 @@ from suite.study import GRID, CommandRequest, Limits, Maneuver, Plant, Requireme
 from suite.study_file import printable
 from suite.study_plant import PlantNames, description, understand_plant
 from suite.study_rules import contradictions, unsupported
+from suite.study_shaper import read_command, understand_shaper
 from suite.study_units import convert_units
 
 TRIED = 200  # plants of one axis that are built to see whether they exist: 0.5 ms each
@@ -45,13 +45,15 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
         mistakes += more
     if written.simulation is not None:
         _interface(plant, written.simulation.interface, mistakes)
+        if plant is not None and plant.fmu is not None and written.simulation.step is not None:
+            plant = replace(plant, source=replace(plant.fmu, step=float(written.simulation.step)))
     requirements = tuple(
         _requirement(item, i, plant, names, bool(written.uncertainty), mistakes) for i, item in _items(written.requirement)
     )
     uncertainties = tuple(_uncertainty(item, i, names, mistakes) for i, item in _items(written.uncertainty))
     command = _command(written.command, file.parent, mistakes) if written.command else None
     if command is not None and command.given is not None and written.command is not None and written.limits is not None:
-        _within(command.given, written.command.file, written.limits.input, mistakes)
+        _within(command.given, written.command.file, written.limits, mistakes)
     if plant is not None and written.maneuver is not None and written.limits is not None:
         _task(plant, written.maneuver.displacement, written.limits.input, mistakes)
         _box(plant, [(i, axis) for i, axis in enumerate(uncertainties, 1) if axis is not None], mistakes)
@@ -68,7 +70,9 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
         source=source,
         plant=plant,
         maneuver=Maneuver(written.maneuver.displacement),
-        limits=Limits(*written.limits.input, None if length is None else (length.time, length.within), sensitivity),
+        limits=Limits(
+            *written.limits.input, None if length is None else (length.time, length.within), sensitivity, written.limits.sample_time
+        ),
         command=command,
         simulation=_simulation(written.simulation),
         uncertainties=tuple(axis for axis in uncertainties if axis is not None),
@@ -134,31 +138,27 @@ def _command(written: schema.Command, folder: Path, mistakes: list[Mistake]) -> 
     if written.kind == "file":
         if written.file is None:
             return None
-        path = (folder / written.file).expanduser()
-        try:
-            return CommandRequest("file", start=start, file=path, given=Command.from_json(path.read_text(encoding="utf-8")))
-        except OSError as problem:
-            mistakes.append(Mistake("command.file", written.file, f"{path} cannot be read: {problem.strerror}"))
-        except UnicodeDecodeError:
-            mistakes.append(Mistake("command.file", written.file, f"{path} is no text file; a command file is JSON"))
-        except CommandError as problem:
-            mistakes.append(Mistake("command.file", written.file, f"{path}: {problem}"))
-        return None
-    tolerance = written.tolerance if written.robustness == "box" else None
-    return CommandRequest("time-optimal", written.robustness or 0, bool(written.tail), tolerance, start)
+        given = read_command(written.file, folder, "command.file", mistakes)
+        return None if given is None else CommandRequest("file", start=start, file=(folder / written.file).expanduser(), given=given)
+    if written.kind == "shaper":
+        shaper = understand_shaper(written, folder, mistakes)
+        return None if shaper is None else CommandRequest("shaper", start=start, shaper=shaper)
+    tolerance, final = (written.tolerance, written.final_tolerance) if written.robustness == "box" else (None, None)
+    return CommandRequest("time-optimal", written.robustness or 0, bool(written.tail), tolerance, final, start)
 
 
-def _within(command: Command, file: str | None, limits: tuple[Decimal, Decimal], mistakes: list[Mistake]) -> None:
+def _within(command: Command, file: str | None, limits: schema.Limits, mistakes: list[Mistake]) -> None:
     """A command that was given respects the limits too, up to the rounding of its own numbers."""
-    lower, upper = map(float, limits)
+    lower, upper = map(float, limits.input)
+    if limits.sample_time is not None:
+        step = float(limits.sample_time)
+        off = [at for at in command.breakpoints if abs(at - round(at / step) * step) > ROUNDING * step]
+        if off or command.tail.terms or any(segment.slope for segment in command.segments):
+            what = f"changes at {off[0]:.10g} s" if off else "is not constant between its instants"
+            mistakes.append(Mistake("command.file", file, f"the command {what}, but limits.sample_time is {step:.10g} s"))
     slack = ROUNDING * (upper - lower)
-    starts = [segment.start for segment in command.segments]
-    levels = []
-    for segment, end in zip(command.segments, [*starts[1:], command.end], strict=False):  # of no segments there is no first start
-        levels += [segment.level, segment.level + segment.slope * (end - segment.start)]
-    slowest = min((-term.rate.real for term in command.tail.terms), default=1.0)
-    levels += command.tail(np.linspace(0.0, 20.0 / slowest, 2001)).tolist()  # until nothing is left of its slowest term
-    for level, limit, beyond in ((min(levels), lower, min(levels) < lower - slack), (max(levels), upper, max(levels) > upper + slack)):
+    least, most = command.extent()
+    for level, limit, beyond in ((least, lower, least < lower - slack), (most, upper, most > upper + slack)):
         if beyond:
             mistakes.append(Mistake("command.file", file, f"the command reaches {level:.10g}, beyond limits.input, {limit:.10g}"))
 
@@ -264,7 +264,7 @@ def _plain(unit: str) -> str:
 
 
 def _notes(command: schema.Command | None) -> list[str]:
-    if command is None or command.robustness == "box":
+    if command is None or command.robustness == "box" or command.kind == "shaper":
         return []
     return [
         f'command.{key} changes nothing here: it belongs to robustness = "box", and this command brings the nominal plant exactly to rest'

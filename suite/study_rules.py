@@ -24,14 +24,9 @@ UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     "limits.fuel": (_given, "limits.input alone limits the command; a requirement on fuel measures it"),
     "limits.rate": (_given, "limits.input alone limits the command; a requirement on peak_rate measures it"),
     "limits.deflection": (_given, "limits.input alone limits the command; a requirement on peak(NAME) measures it"),
-    "limits.sample_time": (_given, "commands switch at any instant"),
     "limits.pulse_width": (_given, "limits.input alone limits the command"),
     "limits.pulses": (_given, "limits.input alone limits the command"),
-    "command.kind": (_one_of("fuel-efficient", "shaper", "pole-zero"), '"time-optimal" and "file" are supported'),
-    "command.final_tolerance": (
-        _given,
-        "the final error of other plants than the nominal one is measured, by a requirement on final_error",
-    ),
+    "command.kind": (_one_of("fuel-efficient", "pole-zero"), '"time-optimal", "shaper" and "file" are supported'),
     "command.type": (_given, "profiles of every type are searched"),
     "command.alpha": (_given, "fuel has no price"),
     "uncertainty.distribution": (_given, "range is supported"),
@@ -44,6 +39,12 @@ BELONGS: dict[str, tuple[str, ...]] = {
     "shaper": ("shaper",),
     "modes": ("shaper",),
     "reference": ("shaper",),
+    "band": ("shaper",),
+    "damping": ("shaper",),
+    "negative": ("shaper",),
+    "sums": ("shaper",),
+    "sample_time": ("shaper",),
+    "simultaneous": ("shaper",),
     "delays": ("pole-zero",),
     "form": ("pole-zero",),
     "file": ("file",),
@@ -84,6 +85,9 @@ def contradictions(study: schema.Written) -> Iterator[Mistake]:
         yield Mistake("limits.rate", study.limits.rate, "must contain 0: at rest the input stands still")
     if study.command:
         yield from _command(study.command)
+        if study.command.tail and study.limits and study.limits.sample_time is not None:
+            why = "contradicts limits.sample_time: a tail decays after the move, and is not constant over a sample"
+            yield Mistake("command.tail", True, why)
         if study.command.robustness == "box" and not study.uncertainty:
             yield Mistake("command.robustness", "box", "needs a box: at least one [[uncertainty]]")
         if study.command.robustness == "box" and study.command.tolerance is None:

@@ -189,6 +189,20 @@ def mode_text(value: str) -> str:
     return value
 
 
+def factors(value: tuple[Decimal, Decimal]) -> tuple[Decimal, Decimal]:
+    """Factors of a frequency."""
+    if value[0] <= 0:
+        raise ValueError("must be factors of each mode's frequency, above 0")
+    return value
+
+
+def dampings(value: tuple[Decimal, Decimal]) -> tuple[Decimal, Decimal]:
+    """Damping ratios."""
+    if not (value[0] >= 0 and value[1] < 1):
+        raise ValueError("must be damping ratios, at least 0 and less than 1")
+    return value
+
+
 def zero_name(value: str) -> str:
     """The name of a zero."""
     if not re.fullmatch(r"zero\[[1-9]\d{0,2}\]", value):

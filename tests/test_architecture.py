@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from suite import checks
+
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("relaxations", "fmus", "reports", "suite")
 HEAVY = ("cvxpy", "clarabel", "scipy.optimize", "fmpy", "sksundae", "mcap", "matplotlib", "jinja2", "pydantic", "flint", "pint")
@@ -49,6 +51,16 @@ def text_of(path: Path) -> str:
 def test_import_contracts_hold() -> None:
     done = subprocess.run([Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_checker_is_all_that_a_check_imports() -> None:
+    """The lines of code that `check` prints are those of what an interpreter loads for it; and it loads nothing else but python-flint."""
+    show = "import sys, flint; before = set(sys.modules); import relaxations.checking.claims; print(*{*sys.modules} - before)"
+    loaded = subprocess.run([sys.executable, "-c", show], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    ours = {module for module in loaded if module.partition(".")[0] == "relaxations"} - {"relaxations", "relaxations.checking"}
+    assert ours == {f"relaxations.checking.{module}" for module in checks.modules()}
+    assert {module.partition(".")[0] for module in loaded} <= {*sys.stdlib_module_names, "relaxations"}
+    assert {*checks.modules()} >= checks.EVERY_TASK
 
 
 @pytest.mark.parametrize("package", PACKAGES)

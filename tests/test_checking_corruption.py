@@ -25,6 +25,7 @@ from relaxations.checking.claims import Outcome, check
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant
+from relaxations.sampling import sampled_bracket
 
 SLACK = 1e-7
 """Relative: what a floating-point bracket may be off by. Smaller lies are told in test_checking.py, about facts known to 1e-12."""
@@ -145,7 +146,7 @@ def one_side_of_another_task(data: Any, rng: random.Random) -> None:
     """Other limits, displacement, rest input, further zeros or tail length; one side stays, which may even stay true."""
     data["claim"][rng.choice(("lower", "upper"))] = None
     posed, limits = data["task"], data["task"]["limits"]
-    match rng.randrange(7):
+    match rng.randrange(8):
         case 0:
             i = rng.randrange(2)
             limits["input"][i] = nudge(limits["input"][i], rng)
@@ -158,6 +159,8 @@ def one_side_of_another_task(data: Any, rng: random.Random) -> None:
         case 4:
             limits["tail_length"] = rng.choice((None, {"time": "1", "within": "0.5"}, {"time": "0", "within": "1/1000"}))
         case 5:
+            limits["sample_time"] = rng.choice(("0.25", "2"))
+        case 6:
             posed["rest"] = rng.choice(("state", "output"))
         case _:
             polynomial = posed["plants"][0][rng.choice(("numerator", "denominator"))]
@@ -238,6 +241,7 @@ def posed(data: dict[str, Any]) -> Problem:
         {name: count for name, count in plant["zeros"].items() if count},
         tail=of["rest"] == "output",
         tail_length=(number(length["time"]), number(length["within"])) if length else None,
+        sample_time=None if of["limits"]["sample_time"] is None else number(of["limits"]["sample_time"]),
         zero_sensitivity={name: (number(p["shift"]), number(p["residual"])) for name, p in of["limits"]["zero_sensitivity"].items()},
     )
     return problem([linear], maneuver)
@@ -246,7 +250,8 @@ def posed(data: dict[str, Any]) -> Problem:
 @cache
 def truth(text: str) -> tuple[float, float]:
     """The bracket of a task in floating point; infinite above if there is no upper side."""
-    found = bracket(posed({"task": json.loads(text)}))
+    asked = posed({"task": json.loads(text)})
+    found = (bracket if asked.maneuver.sample_time is None else sampled_bracket)(asked)
     return found.lower, float("inf") if found.upper is None else found.upper
 
 

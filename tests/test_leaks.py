@@ -109,7 +109,8 @@ def test_10000_new_instances_in_one_process(tmp_path: Path, monkeypatch: pytest.
         for run in range(1, RUNS + 1):
             finished(worker.run(experiment(fmu, stop=2.0), TIMEOUT))
             if run % SETTLED == 0:
-                (child,) = children(os.getpid())
+                (watcher,) = children(os.getpid())
+                (child,) = children(watcher)
                 sizes[run] = memory(child)
                 counts = f"{libraries(child)} FMU libraries, {len(os.listdir(f'/proc/{child}/fd'))} open files"
                 print(f"\nchild after {run:6} new instances of FMI {version}: {sizes[run]:6.1f} MiB, {counts}", end="")

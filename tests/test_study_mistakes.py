@@ -187,7 +187,6 @@ UNSUPPORTED_VALUES = {
     "limits.fuel": "[limits]\nfuel = 1",
     "limits.rate": "[limits]\nrate = [-1, 1]",
     "limits.deflection": "[limits]\ndeflection = { spring = 1 }",
-    "limits.sample_time": "[limits]\nsample_time = 1",
     "limits.tail_length": "[limits]\ntail_length = { time = 1, within = 0.1 }",
     "limits.pulse_width": "[limits]\npulse_width = 1",
     "limits.pulses": "[limits]\npulses = 1",

@@ -53,7 +53,7 @@ def test_the_design_is_on_the_grid_before_anything_runs_and_says_what_that_costs
     assert command.maneuver_time == pytest.approx(6.7)
     for point in command.breakpoints:
         assert point / STEP == pytest.approx(round(point / STEP), abs=1e-9)
-    words = "takes 6.7 s, 0.0373 s (0.56%) more than the lower bound. That no fewer samples do is computed, not proven."
+    words = "takes 6.7 s, 0.0373 s (0.56%) more than the lower bound. That no command of fewer than 134 samples does is proven."
     assert any(words in note for note in found["notes"])
     assert words in (on_a_grid / "printed").read_text()
     assert words in (on_a_grid / "out" / "report.html").read_text()

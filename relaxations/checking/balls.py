@@ -169,6 +169,7 @@ class System:
     rest: fmpq
     lower: fmpq
     upper: fmpq
+    highest: fmpq  # moment at the origin, if there is a pole
     target: arb_mat
     columns: arb_mat
 
@@ -211,7 +212,7 @@ def system(task: Any) -> System:
     spend(10 * len(shapes) * aim.nrows())
     columns = [x for shape in shapes for x in flat(roots, Root.before, *shape).entries()]
     bounds = caps(task, zeros, numerator, denominator)
-    return System(task, roots, zeros, bounds, rest, lower, upper, aim, arb_mat(len(shapes), aim.nrows(), columns).transpose())
+    return System(task, roots, zeros, bounds, rest, lower, upper, ratio, aim, arb_mat(len(shapes), aim.nrows(), columns).transpose())
 
 
 @dataclass(frozen=True, slots=True)

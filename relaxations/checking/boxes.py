@@ -48,8 +48,36 @@ def valued(terms: Any, place: Numbers, derivative: int | None = None) -> arb | f
     return total
 
 
+def plants(task: dict[str, Any]) -> list[str]:
+    """In words, from the numbers as they are written: which plants the claim is about."""
+    if not (box := task["box"]):
+        return []
+    ranges = ", ".join(f"{p['name']} in [{p['low']}, {p['high']}] (nominal {p['nominal']})" for p in box["parameters"])
+    if box["plants"]:
+        heading = f"  and these {len(box['plants'])} plants of {ranges}; nothing is said of any other plant of these ranges:"
+        return [
+            heading,
+            *(f"  at {', '.join(p['place'])}: [{', '.join(p['numerator'])}] / [{', '.join(p['denominator'])}]" for p in box["plants"]),
+        ]
+    heading = f"  and every plant of the box {ranges}; coefficients in terms of these, (factor, powers):"
+    return [heading, *(f"  {which:<12} {box[which]}" for which in ("numerator", "denominator"))]
+
+
+def promises(task: dict[str, Any]) -> list[str]:
+    """In words: what they do after the command."""
+    if not (box := task["box"]):
+        return []
+    allowed = f"at most {box['tolerance']} of the displacement instead of 0"
+    residual = f"  In every one of these plants the residual |y(t) - y(∞)| for t ≥ T is {allowed};"
+    share = box["final_tolerance"]
+    where = "" if share is None else f", within {share} of the displacement of it in the others"
+    return [residual, f"  y(∞) is the target in the nominal plant{where}, and no plant keeps drifting."]
+
+
 def sensible(task: Any) -> None:
-    """Raise `Malformed` unless the box is one, and the plant written is its nominal one."""
+    """Raise `Malformed` unless the box, if there is one, is one, and the plant written is its nominal one."""
+    if task.box is None:
+        return
     box, (plant,), count = task.box, task.plants, len(task.box.parameters)
     require(
         task.rest == "state" and not plant.zeros and task.limits.tail_length is None, "a box belongs to a state rest without further zeros"
@@ -231,15 +259,9 @@ def motion(task: Any, jumps: Sequence[tuple[arb, arb]], cell: Numbers, poles: Se
         found.sizes.append(weight * total)
         for q, (Nq, Dq) in enumerate(turned):
             drift = -Dq(p) / slope
-            change = (
-                (Ns(p) * drift + Nq(p)) / numerator - (Dss(p) * drift + Dq.derivative()(p)) / slope - drift / p
-                if not numerator.contains(0)
-                else None
-            )
-            if change is None:
-                raise Undecided("a zero of the output is not told from a pole of the box")
+            change = (1 + pair) * (Ns(p) * drift + Nq(p)) / below - weight * ((Dss(p) * drift + Dq.derivative()(p)) / slope + drift / p)
             found.drifts[q].append(drift)
-            found.slopes[q].append(weight * (change * total + drift * rising))
+            found.slopes[q].append(change * total + weight * drift * rising)
     return found
 
 
@@ -315,7 +337,7 @@ def within(task: Any, jumps: Sequence[tuple[arb, arb]], cell: Numbers, centre: S
     if any(ball.real > 0 for ball in balls):
         raise Undecided("a plant of the box is unstable")
     try:
-        middle, whole = motion(task, jumps, [arb(x) for x in centre], points, flexible), motion(task, jumps, cell, balls, flexible)
+        middle, whole = motion(task, jumps, centre, points, flexible), motion(task, jumps, cell, balls, flexible)
     except ZeroDivisionError:
         return False
     squares = []

@@ -65,8 +65,7 @@ def check(content: bytes) -> Check:
         for bits in BITS:
             flint.ctx.prec = bits
             try:
-                if certificate.task.box is not None:
-                    boxes.sensible(certificate.task)
+                boxes.sensible(certificate.task)
                 posed = system(certificate.task)
                 if claimed.impossible is not None:
                     lower.impossible(posed, claimed.impossible, certificate.lower)
@@ -108,17 +107,15 @@ def claim(found: Check) -> str:
         lines += [f"  {name:<12} [{', '.join(plant[name])}]" for name in ("numerator", "denominator")]
         if plant["zeros"]:
             lines.append("  further zeros of the command: " + ", ".join(f"{count} at {name}" for name, count in plant["zeros"].items()))
-    if box := task["box"]:
-        ranges = ", ".join(f"{p['name']} in [{p['low']}, {p['high']}] (nominal {p['nominal']})" for p in box["parameters"])
-        lines.append(f"  and every plant of the box {ranges}; coefficients in terms of these, (factor, powers):")
-        lines += [f"  {which:<12} {box[which]}" for which in ("numerator", "denominator")]
+    lines += boxes.plants(task)
     rest, (low, high), tail = REST[task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
     lines.append(f"Task: from rest at input {task['initial_input']} move the output by {task['displacement']}; {rest}.")
     lines.append(f"Limits: {low} ≤ u(t) ≤ {high} for all t ≥ 0.")
-    if box:
-        allowed = f"at most {box['tolerance']} of the displacement instead of 0"
-        lines.append(f"  In every plant of the box the residual |y(t) - y(∞)| for t ≥ T is {allowed};")
-        lines.append("  y(∞) is the target in the nominal plant, and no plant keeps drifting.")
+    lines += boxes.promises(task)
+    who = "no measurable command within the limits"
+    if step := task["limits"]["sample_time"]:
+        lines.append(f"  u is constant on each [k h, (k + 1) h), h = {step} s, and T is a whole number of h.")
+        who = "no command within the limits that is constant over each sample"
     if tail:
         where = f"within {tail['within']} of the nearer limit's distance from its final rest value"
         lines.append(f"  From {tail['time']} s after T on, the input stays {where}.")
@@ -126,9 +123,9 @@ def claim(found: Check) -> str:
         moved = f"moves the output by at most {pair['residual']} of the displacement"
         lines.append(f"  The tail at {name} (zeros by ascending magnitude) {moved}")
         lines.append(f"  if that zero lies elsewhere, by up to {pair['shift']} of its magnitude; to first order in that distance.")
-    words = ["no measurable command within the limits does this in any time"] if sides.impossible else []
+    words = [f"{who} does this in any time"] if sides.impossible else []
     if sides.lower is not None:
-        words.append(f"no measurable command within the limits does this in less than {rounded(sides.lower, ROUND_FLOOR)} s")
+        words.append(f"{who} does this in less than {rounded(sides.lower, ROUND_FLOOR)} s")
     if sides.upper is not None:
         words.append(f"one does it in at most {rounded(sides.upper, ROUND_CEILING)} s")
     heading = "Claim" if found.outcome is Outcome.PROVED else "Not proven"

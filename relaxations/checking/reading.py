@@ -87,7 +87,13 @@ PAIR = (real, real)
 POLYNOMIAL: list[Any] = [real, 1, MOST_POLES + 1]  # the highest power of s first
 PLANT = {"numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "zeros": counts}
 LENGTH = {"time": real, "within": real}  # seconds after the move, and a fraction
-LIMITS = {"input": PAIR, "tail_length": (None, LENGTH), "zero_sensitivity": sensitivities}  # the input's are absolute
+# The input's limits are absolute; with a sample time h the input is constant on each [kh, (k+1)h)
+LIMITS = {
+    "input": PAIR,
+    "sample_time": (None, real),
+    "tail_length": (None, LENGTH),
+    "zero_sensitivity": sensitivities,
+}  # the input's are absolute
 # Plants whose coefficients are polynomials in parameters: sums of terms, a number and the power of each parameter. Every plant of the box,
 # the one written (nominal values) among them, may keep a residual of `tolerance` times the displacement.
 TERMS: list[Any] = [(real, [natural, 1, 8]), 0, 1000]
@@ -152,6 +158,8 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     require(low < high and task.displacement != 0, "limits ascend, and the displacement is not 0")
     fine = length is None or (task.rest == "output" and length.time >= 0 and 0 < length.within <= 1)
     require(fine, "a tail length belongs to an output rest: a time from 0 on, a fraction from 0 to 1")
+    fine = task.limits.sample_time is None or (task.rest == "state" and task.limits.sample_time > 0)
+    require(fine, "a sample time belongs to a state rest, and is more than 0")
     fine = all(task.rest == "output" and shift > 0 <= residual for shift, residual in task.limits.zero_sensitivity.values())
     require(fine, "sensitivity to a zero belongs to an output rest: a shift of more than 0, a residual of 0 or more")
     sides = [side for side in (claim.lower, claim.upper) if side is not None]

@@ -33,6 +33,9 @@ def as_written(system: System, witness: Any) -> tuple[list[Number], list[int]]:
     require(len(set(witness.free)) == len(witness.free), "upper.free names an unknown twice")
     levels = [segment.level - system.task.initial_input for segment in witness.segments]
     command = [witness.maneuver_time, *(segment.start for segment in witness.segments), *levels, *tail]
+    if step := system.task.limits.sample_time:
+        fixed = all((instant / step).q == 1 for instant in command[: n + 1]) and all(kind == "level" for kind, _, _ in witness.free)
+        require(fixed, "with a sample time all instants are exact multiples of it, and none is an unknown")
     return command, [places[name] for name in witness.free]
 
 
@@ -62,9 +65,21 @@ def derivative(system: System, n: int, command: list[Number], place: int) -> arb
     return -system.columns * arb_mat(system.columns.ncols(), 1, [int(j == place - 2 * n - 1) for j in range(system.columns.ncols())])
 
 
+def exactly(system: System, n: int, command: list[Any]) -> None:
+    """A command of fractions alone, where all equations are those at the origin: they hold, or not."""
+    levels = [fmpq(0), *command[n + 1 : 2 * n + 1]]
+    for k in range(1, system.target.nrows() + 1):
+        terms = ((after - before) * (command[0] - s) ** k for s, (before, after) in zip(command[1 : n + 1], pairwise(levels), strict=True))
+        if sum(terms, fmpq(0)) != (factorial(k) * system.highest if k == system.target.nrows() else 0):
+            raise Refuted("the command as written, without unknowns, does not bring the plant to rest")
+
+
 def solve(system: System, n: int, witness: Any) -> list[Number]:
     """Krawczyk: `K = x - Y F(x) + (I - Y J(X)) (X - x)` inside X proves a solution in K; returns the command with its unknowns in K."""
     (command, unknowns), size = as_written(system, witness), system.target.nrows()
+    if not unknowns and all(root.value.is_zero() for root in system.roots):
+        exactly(system, n, command)
+        return command
     require(len(unknowns) == size, f"{size} equations need {size} unknowns, upper.free names {len(unknowns)}")
 
     def moved(changes: list[arb]) -> list[Number]:

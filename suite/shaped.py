@@ -1,0 +1,85 @@
+"""The command of a study with a shaper: its reference, the shaper for the plant's modes, and the product of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+from relaxations.commands import Command
+from relaxations.errors import ImpossibleShaperError, PlantError, RelaxationsError
+from relaxations.maneuvers import Problem
+from relaxations.plants import LinearPlant
+from relaxations.references import rigid_move, step
+from relaxations.shaper_modes import Mode
+from relaxations.shapers import shape
+from suite.errors import ABSENT, Mistake, StudyError
+from suite.shaping import Shaping, assess
+from suite.study import ShaperRequest, Study
+
+ROUNDING = 1e-9  # of the distance between the limits
+
+
+@dataclass(frozen=True, slots=True)
+class Shaped:
+    """The shaper with what is proven of it, what it shapes ("step", "rigid" or "file") and for how long [s], and the command."""
+
+    shaping: Shaping
+    reference: str
+    reference_time: float
+    command: Command
+
+
+def shaped(study: Study, asked: ShaperRequest, plant: LinearPlant, posed: Problem) -> Shaped:
+    """The study's shaped command, begun at once; raises `StudyError` where there is none, `ImpossibleShaperError` if there is no shaper."""
+    request = asked.request
+    if not request.modes:
+        modes = tuple(Mode(pole.natural_frequency, pole.damping_ratio) for pole in plant.flexible for _ in range(pole.multiplicity))
+        if not modes:
+            raise _refused(study, "modes", "is missing, and the plant has no flexible mode that a shaper could be made for")
+        request = replace(request, modes=modes)
+    kind, reference = _reference(study, asked, plant, posed)
+    try:
+        shaping = assess(asked.kind, request, asked.damping)
+    except ImpossibleShaperError:
+        raise
+    except RelaxationsError as problem:
+        raise _refused(study, "shaper", str(problem), asked.kind) from None
+    rest = float(study.plant.initial_input)
+    try:
+        command = shape(reference, shaping.shaper, rest)
+    except RelaxationsError as problem:
+        raise _refused(study, "reference", str(problem), kind) from None
+    _within(study, asked, command)
+    return Shaped(shaping, kind, reference.maneuver_time, command)
+
+
+def _reference(study: Study, asked: ShaperRequest, plant: LinearPlant, posed: Problem) -> tuple[str, Command]:
+    if isinstance(asked.reference, Command):
+        return "file", asked.reference
+    kind = asked.reference or ("rigid" if plant.rigid_order else "step")
+    maneuver = posed.maneuver
+    try:
+        if kind == "step":
+            return kind, step(plant, maneuver.displacement, Fraction(study.plant.initial_input))
+        bound = rigid_move(plant, maneuver)
+    except PlantError as problem:
+        raise _refused(study, "reference", str(problem), kind) from None
+    if bound.command is None:
+        raise _refused(study, "reference", f"no move of the rigid part was found: {bound.reason or bound.status.value}", kind)
+    return kind, bound.command
+
+
+def _within(study: Study, asked: ShaperRequest, command: Command) -> None:
+    """Negative impulses may take the command beyond limits that its reference respects; a file may do so by itself."""
+    lower, upper = float(study.limits.lower), float(study.limits.upper)
+    slack = ROUNDING * (upper - lower)
+    least, most = command.extent()
+    if least < lower - slack or most > upper + slack:
+        reached = f"from {least:.10g} to {most:.10g}"
+        why = f"the shaped command goes {reached}, beyond limits.input, [{lower:.10g}, {upper:.10g}]"
+        hint = "a shaper without negative impulses keeps its reference's limits; or shape a slower command from a file"
+        raise _refused(study, "shaper", f"{why}; {hint}", asked.kind)
+
+
+def _refused(study: Study, key: str, why: str, value: object = ABSENT) -> StudyError:
+    return StudyError(str(study.file), [Mistake(f"command.{key}", value, why)])

@@ -1,0 +1,109 @@
+"""What becomes of a shaper: its picture, its file, and what other programs read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from relaxations.sensitivity import residual, step_response
+from reports.files import json_bytes, write_atomically
+from suite.errors import SuiteError
+from suite.shaping import Shaping
+
+CURVE, STEPS = 601, 801  # samples of the two charts
+
+
+def picture(done: Shaping) -> str:
+    """The sensitivity curve and the shaped step as SVG text that needs no page around it."""
+    from reports import charts
+
+    return charts.standalone(chart(done))
+
+
+def chart(done: Shaping) -> str:
+    """The same for a page."""
+    from reports import charts
+
+    shaper, modes = done.shaper, done.request.modes
+    low, high = done.request.band
+    margin = 0.5 * (high - low) + 0.1
+    factors = np.linspace(max(low - margin, 0.01), high + margin, CURVE)
+    slowest = max(mode.half_period for mode in modes)
+    instants = np.linspace(-0.5 * slowest, shaper.duration + 4.0 * slowest, STEPS)
+    labels = [f"{mode.frequency / (2 * math.pi):.4g} Hz, damping {mode.damping:.3g}" for mode in modes]
+    return charts.shaping(
+        f"Shaper {done.kind}",
+        factors,
+        {label: 100.0 * residual(shaper.times, shaper.amplitudes, factors * mode.frequency, mode.damping)
+         for label, mode in zip(labels, modes, strict=True)},
+        instants,
+        np.sum([np.where(instants >= t, a, 0.0) for t, a in zip(shaper.times, shaper.amplitudes, strict=True)], axis=0),
+        {label: step_response(shaper.times, shaper.amplitudes, mode.frequency, mode.damping, instants)
+         for label, mode in zip(labels, modes, strict=True)},
+        band=done.request.band,
+        limit=charts.Limit(100.0 * done.request.tolerance, f"tolerance, {100.0 * done.request.tolerance:g} %"),
+    )  # fmt: skip
+
+
+def save(done: Shaping, path: Path) -> None:
+    """The shaper as a shaper file (`slewcert-shaper/1`), which `slewcert fmus export` makes an FMU of."""
+    write_atomically(path, json_bytes(done.shaper.to_dict()))
+
+
+def draw(done: Shaping, path: Path) -> None:
+    """`picture` to a file."""
+    write_atomically(path, picture(done).encode())
+
+
+def known(paths: Sequence[Path]) -> None:
+    """Raises `SuiteError` for files whose ending says nothing of whom they are for."""
+    if unknown := [str(path) for path in paths if path.suffix not in EXPORTS]:
+        raise SuiteError(
+            f"{', '.join(unknown)}: the ending says for whom a shaper is written: .cfg for Klipper, .g for RepRapFirmware, .h for C"
+        )
+
+
+def export(done: Shaping, path: Path) -> None:
+    """The shaper for other programs, by the file's ending (`known`)."""
+    write_atomically(path, EXPORTS[path.suffix](done).encode())
+
+
+def _klipper(done: Shaping) -> str:
+    """Klipper: amplitudes and instants [s] of a custom shaper, for both axes."""
+    lines = ["[input_shaper]"]
+    for axis in "xy":
+        lines += [f"shaper_type_{axis}: custom", f"shaper_a_{axis}: {_list(done.shaper.amplitudes, ', ')}"]
+        lines += [f"shaper_t_{axis}: {_list(done.shaper.times, ', ')}"]
+    return "\n".join(lines) + "\n"
+
+
+def _reprapfirmware(done: Shaping) -> str:
+    """RepRapFirmware: amplitudes but the last, which makes the sum 1, and delays [s] of the later impulses from the first one."""
+    return f'M593 P"custom" H{_list(done.shaper.amplitudes[:-1], ":")} T{_list(done.shaper.times[1:], ":")}\n'
+
+
+def _header(done: Shaping) -> str:
+    """C: a header with the taps."""
+    count = len(done.shaper.times)
+    return "\n".join(
+        [
+            f"/* Shaper {done.kind}: amplitudes sum to 1, instants in seconds. */",
+            "#ifndef SHAPER_TAPS_H",
+            "#define SHAPER_TAPS_H",
+            f"#define SHAPER_TAPS {count}",
+            f"static const double shaper_times[SHAPER_TAPS] = {{{_list(done.shaper.times, ', ')}}};",
+            f"static const double shaper_amplitudes[SHAPER_TAPS] = {{{_list(done.shaper.amplitudes, ', ')}}};",
+            "#endif",
+            "",
+        ]
+    )
+
+
+def _list(numbers: Sequence[float], between: str) -> str:
+    return between.join(f"{number:.17g}" for number in numbers)
+
+
+EXPORTS: dict[str, Callable[[Shaping], str]] = {".cfg": _klipper, ".g": _reprapfirmware, ".h": _header}

@@ -1,0 +1,81 @@
+"""`command.kind = "shaper"`: from the keys as written to the request as meant."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from pathlib import Path
+
+from relaxations.commands import Command
+from relaxations.errors import CommandError, RelaxationsError, ShaperError
+from relaxations.shaper_kinds import BAND, KINDS, TOLERANCE, Request, find, mistakes
+from relaxations.shaper_modes import Mode
+from suite import schema
+from suite.errors import Mistake
+from suite.shaping import mode_of
+from suite.study import ShaperRequest
+from suite.suggestions import did_you_mean
+
+
+def understand_shaper(written: schema.Command, folder: Path, wrong: list[Mistake]) -> ShaperRequest | None:
+    """What the keys mean, or None and what is wrong with them."""
+    if written.shaper is None:
+        return None
+    before = len(wrong)
+    modes = []
+    for i, text in enumerate(written.modes or (), 1):
+        mode = _mode(text, f"command.modes[{i}]", wrong)
+        modes += [] if mode is None else [mode]
+    if written.modes == ():
+        wrong.append(Mistake("command.modes", [], "is empty; without this key the modes are those of the plant"))
+    request = Request(
+        modes=tuple(modes),
+        tolerance=TOLERANCE if written.tolerance is None else float(written.tolerance),
+        band=BAND if written.band is None else _pair(written.band),
+        negative=_float(written.negative),
+        sums=None if written.sums is None else _pair(written.sums),
+        sample_time=_float(written.sample_time),
+        simultaneous=bool(written.simultaneous),
+    )
+    try:
+        kind, _ = find(written.shaper)
+        for option, problem in mistakes(kind, written.shaper, request):
+            wrong.append(Mistake(f"command.{option}", getattr(written, option), problem))
+    except ShaperError as problem:
+        names = [name for kind in KINDS for name in kind.written.split(", ")]
+        wrong.append(Mistake("command.shaper", written.shaper, f"{problem}{did_you_mean(written.shaper, names)}"))
+    reference = written.reference
+    known = reference if reference in ("step", "rigid", None) else read_command(reference, folder, "command.reference", wrong)
+    if len(wrong) > before:
+        return None
+    damping = None if written.damping is None else _pair(written.damping)
+    return ShaperRequest(written.shaper, request, damping, known)
+
+
+def read_command(file: str, folder: Path, place: str, wrong: list[Mistake]) -> Command | None:
+    """A command file that a study names at `place`; None and a mistake if it is none."""
+    path = (folder / file).expanduser()
+    try:
+        return Command.from_json(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        wrong.append(Mistake(place, file, f"{path} cannot be read: {problem.strerror}"))
+    except UnicodeDecodeError:
+        wrong.append(Mistake(place, file, f"{path} is no text file; a command file is JSON"))
+    except CommandError as problem:
+        wrong.append(Mistake(place, file, f"{path}: {problem}"))
+    return None
+
+
+def _mode(text: str, place: str, wrong: list[Mistake]) -> Mode | None:
+    try:
+        return mode_of(text)
+    except (ValueError, RelaxationsError) as problem:
+        wrong.append(Mistake(place, text, str(problem)))
+        return None
+
+
+def _float(number: Decimal | None) -> float | None:
+    return None if number is None else float(number)
+
+
+def _pair(interval: tuple[Decimal, Decimal]) -> tuple[float, float]:
+    return float(interval[0]), float(interval[1])
