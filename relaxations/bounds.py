@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from relaxations import programs
 from relaxations.commands import Command, Segment, Tail
 from relaxations.duality import Costate, lower_bound
+from relaxations.energy import LONGER, energy_time, first_guess
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.grids import grid
 from relaxations.maneuvers import Problem, TargetSet
@@ -110,7 +111,6 @@ CAPPED = 1e-6  # of the terms of the costate's equation at a coefficient: if mor
 CUTS = 6  # rounds of cutting planes for the tail's limits
 FLAT = 1e-3  # d log α/d log T below which α says nothing about the time
 NEAR, EARLY = 0.05, 2  # of log α: Newton's method on the switches is tried from there on, so often
-CLOSE, ENERGIES = 1.05, 60  # ratio of the two times that the energy's estimate ends with, and how many it may look at
 STALLS = 3  # times that the solver may give no answer, in one search
 FARTHEST = 1e6  # times the plant's own time scale: a target that is out of reach until then is called so
 LARGEST_EXPONENT = 600.0  # of e^{pT} for an unstable pole p: a double ends at e^709
@@ -151,7 +151,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         upper = None if command is None else command.maneuver_time
         price = dual.price(problem)
         near = dual.maneuver_time if upper is None else upper
-        lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price))
+        lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.fuel))
         if upper is not None:
             lower = min(lower, upper)
         costate = np.array(dual.problem.modal(dual.costate), dtype=float)
@@ -231,8 +231,8 @@ def cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
 
 def _refined(start: programs.GridSolution) -> Extremal | Failure:
     problem = start.problem  # in the coordinates that the program chose
-    if problem.residuals is not None:
-        return Failure("a robust command is repaired on the grid, not refined")
+    if not problem.bang_bang:
+        return Failure("a command with further limits is repaired on the grid, not refined")
     return refine(problem, start.costate, start.maneuver_time, contacts(problem, start))
 
 
@@ -289,10 +289,10 @@ def grid_minimum(
     of time or amplitude matters. The search ends early with the first solution that is `settled`.
     """
     growth = max((pole.real for pole in problem.poles), default=0.0)
-    horizon = first = _first_guess(problem) if growth <= 0.0 else min(_first_guess(problem), 1.0 / growth)
+    horizon = first = first_guess(problem) if growth <= 0.0 else min(first_guess(problem), 1.0 / growth)
     farthest = FARTHEST * first if growth <= 0.0 else LARGEST_EXPONENT / growth
-    short = 0.0 if near else _energy_time(problem, settings, horizon, farthest)
-    horizon = near or min(CLOSE * short, farthest) or horizon
+    short = 0.0 if near else energy_time(problem, lambda time: instants(problem, time, settings), horizon, farthest)
+    horizon = near or min(LONGER * short, farthest) or horizon
     below: programs.GridSolution | None = None
     above: programs.GridSolution | None = None
     count, stalled = 0, 0
@@ -353,36 +353,9 @@ def exponent_of(solution: programs.GridSolution) -> float:
     """`d log α/d log T`, which the costate knows; 0 where α is known to too few digits."""
     problem, costate = extended(solution.problem, solution.costate, solution.tail_multipliers)
     end = float(costate @ problem.rows([solution.maneuver_time])[:, 0])
-    steepest = solution.maneuver_time * max(problem.upper * end, problem.lower * end)
+    dead = float(np.clip(end, -solution.fuel, solution.fuel))
+    steepest = solution.maneuver_time * max(problem.upper * (end - dead), problem.lower * (end - dead))
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0
-
-
-def _energy_time(problem: Problem, settings: Settings, guess: float, farthest: float) -> float:
-    """A time [s] that is too short for the command's energy alone, close to the longest such; 0 if there is none. No program is solved."""
-    low, high, horizon = 0.0, math.inf, guess
-    for _ in range(ENERGIES):
-        most = programs.energy_bound(problem, instants(problem, horizon, settings))
-        low, high = (horizon, high) if most < 1.0 else (low, horizon)
-        if math.isinf(most) or high <= CLOSE * low or low >= farthest:
-            break
-        horizon = min(1.5 * low, farthest) if math.isinf(high) else math.sqrt(low * high) if low else high / 2.0
-    return low
-
-
-def _first_guess(problem: Problem) -> float:
-    """A time [s] of the right order: what the rigid body alone needs, or the fastest pole's time constant, whichever is longer."""
-    strongest = max(abs(problem.lower), abs(problem.upper))
-    guess = 0.0
-    for target in problem.sets:
-        at = 0
-        for pole in target.basis.poles:
-            m = pole.multiplicity
-            if pole.is_rigid:
-                guess = max(guess, (math.factorial(m) * abs(target.target[at + m - 1]) / strongest) ** (1 / m))
-            else:
-                guess = max(guess, 1.0 / abs(pole.value))
-            at += m * (2 if pole.is_flexible else 1)
-    return max([guess, *(1.0 / abs(pole) for pole in problem.poles if pole)])
 
 
 def staircase(problem: Problem, solution: programs.GridSolution) -> Command:

@@ -63,8 +63,8 @@ HELD = (2e-5, 6e-5, 3e-4)
 FINER = (1, 4, 16, 64)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
 
-REGULAR, GOOD, ROBUST = 1e-12, 1e-7, 1e-4
-"""Gaps: what a regular optimum comes to, at which the search ends; and what ends it on the finer grids."""
+REGULAR, GOOD, LIMITED, ROBUST = 1e-12, 1e-7, 1e-6, 1e-4
+"""Gaps at which the search ends: what a regular optimum comes to; on the finer grids; with further limits, and with a box."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +101,8 @@ class Proof:
         return Proof(lower, above.upper, above.command, above.switches)
 
 
-def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
-    """Bracket the least maneuver time and prove both sides where that is possible.
+def minimum_time(problem: Problem, settings: Settings | None = None, near: float | None = None) -> Bound:
+    """Bracket the least maneuver time and prove both sides where that is possible; `near` is a guess at it [s].
 
     The result is `PROVED` if the checker has accepted a certificate for both sides, `IMPOSSIBLE` if it has accepted one that no time
     suffices, else `BRACKETED` with the reason; a certificate then holds the side that was proven, if any. Where the
@@ -119,29 +119,53 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
         if not any(sample.basis.size for sample in problem.residuals.samples):
             problem = replace(problem, residuals=None)  # bodies alone: they are at rest together
         elif problem.maneuver.sample_time is None:
-            return _robust(problem, task, chosen, begun)
+            return _robust(problem, task, chosen, near, begun)
         else:
-            free = minimum(replace(problem, maneuver=replace(problem.maneuver, sample_time=None)), chosen)
+            free = minimum(replace(problem, maneuver=replace(problem.maneuver, sample_time=None)), chosen, guess=near)
             problem = replace(free.problem, maneuver=replace(free.problem.maneuver, sample_time=problem.maneuver.sample_time))
     proof, found, count, trouble = Proof(), None, 0, None
     gridded = problem.maneuver.sample_time is not None
     look = sampled_bracket if gridded else bracket
+    if not gridded and problem.eased.bang_bang and not problem.bang_bang and (first := _at_ease(problem, task, chosen)) is not None:
+        return replace(first, seconds=time.perf_counter() - begun)
     for factor in FINER:
         try:
-            looked = look(problem, chosen.finer(factor), found.upper if found else None)
+            looked = look(problem, chosen.finer(factor), found.upper if found else near)
         except SolverError as problem_met:
             trouble = problem_met
             continue
         count += looked.programs
         found = looked if found is None or (found.switches is None and looked.switches is not None) else found
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
-        if gridded or proof.gap <= REGULAR or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
+        enough = REGULAR if problem.bang_bang else LIMITED
+        if gridded or proof.gap <= enough or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
             break
     if found is None:
         # Nothing is known then but that no time is less than 0.
         nothing, seconds = np.zeros(problem.size), time.perf_counter() - begun
         return Bound(Status.BRACKETED, 0.0, None, nothing, None, None, f"no bracket was found: {trouble}", count, seconds)
     return _concluded(task, proof, replace(found, programs=count), time.perf_counter() - begun)
+
+
+def _at_ease(problem: Problem, task: dict[str, Any], settings: Settings) -> Bound | None:
+    """The bound of the problem without its further limits, if its command respects them as it is; certified for the whole task."""
+    try:
+        found = bracket(problem.eased, settings)
+    except SolverError:
+        return None
+    if found.command is None or not isinstance(found.dual, Extremal):
+        return None
+    if problem.fuel is not None and found.command.fuel(problem.rest) > problem.fuel:
+        return None
+    proof = _prove(problem.eased, task, found, settings)
+    return _concluded(task, proof, found, 0.0) if proof.gap <= REGULAR else None
+
+
+def _rests_on_a_limit(problem: Problem) -> bool:
+    """Whether the input at a rest is itself a limit: the criteria of impossibility speak of no other task."""
+    maneuver = problem.maneuver
+    rests = {maneuver.rest, *(maneuver.rest + plant.rest_input(maneuver.displacement) for plant in problem.plants)}
+    return not rests.isdisjoint((maneuver.limits.lower, maneuver.limits.upper))
 
 
 def _concluded(task: dict[str, Any], proof: Proof, found: Bound, seconds: float) -> Bound:
@@ -185,7 +209,7 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         return _instant(problem, task, found)
     proof, extremal = Proof(), None if problem.maneuver.sample_time is not None else found.dual
     problem = extremal.problem if extremal else problem
-    if isinstance(extremal, programs.GridSolution) and found.upper is not None:
+    if isinstance(extremal, programs.GridSolution) and found.upper is not None and problem.bang_bang:
         # Where Newton's method in doubles failed, one in more digits may find its way from the grid.
         extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal))
     if isinstance(extremal, Extremal) and (polished := polish(problem, extremal)) is not None:
@@ -207,8 +231,8 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
 
 def _lower(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
-    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem))
-    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers)
+    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.fuel)
+    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.fuel)
     step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS]
     if step is not None:
         claims = [problem.on_grid(value) - k * step for k in (0, 1)]
@@ -234,8 +258,7 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
 
 def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: Bound) -> Side | None:
     """The upper side of an extremal in doubles."""
-    assert found.command is not None
-    starts = np.array([segment.start for segment in found.command.segments])
+    starts = np.concatenate([[0.0], extremal.maneuver_time - extremal.switches_to_go[::-1]])  # of the command some may have merged
     for witness in _witnesses(problem, extremal, extremal.maneuver_time, starts, found.tail):
         for margin in (1e-14, 1e-13, 1e-12):
             side = Side(Fraction(extremal.maneuver_time * (1.0 + margin)), witness)
@@ -328,14 +351,15 @@ def _landed(problem: Problem, task: dict[str, Any], solution: programs.GridSolut
 
 def _impossible(problem: Problem) -> Iterator[tuple[str, dict[str, Any] | None]]:
     """Criteria by which a task may be impossible, each with its witness."""
-    yield from (("face", None), ("remainder", None))
+    if problem.fuel is not None or _rests_on_a_limit(problem):
+        yield from ((form, None) for form in ("face", "remainder", "fuel"))
     box = problem.maneuver.box
     if box is not None and (place := box.beyond()) is not None:
-        yield "final", certificates.place_witness(place)
+        yield "final", certificates.place_witness(problem, place)
 
 
-def _robust(problem: Problem, task: dict[str, Any], settings: Settings, begun: float) -> Bound:
-    """Both sides of a robust task, on finer and finer grids."""
+def _robust(problem: Problem, task: dict[str, Any], settings: Settings, near: float | None, begun: float) -> Bound:
+    """Both sides of a robust task, on finer and finer grids; `near` is a guess at its minimum time [s]."""
     if at_rest_at_once(problem):
         command, nothing = Command(0.0, (), Tail(problem.absolute(problem.hold))), np.zeros(0)
         found = Bound(Status.BRACKETED, 0.0, 0.0, nothing, command, 0, NOT_PROVEN, 0, 0.0)
@@ -344,7 +368,7 @@ def _robust(problem: Problem, task: dict[str, Any], settings: Settings, begun: f
     for factor in FINER:
         finer = settings.finer(factor)
         try:
-            found = minimum(problem, finer, found)
+            found = minimum(problem, finer, found, near)
             count += found.programs
             if found.solution is None:
                 break
@@ -358,9 +382,8 @@ def _robust(problem: Problem, task: dict[str, Any], settings: Settings, begun: f
         if proof.gap <= ROBUST or (factor > 1 and proof.upper is None):
             break
     dual = found and (found.solution or found.below)
-    near = 0.0 if dual is None else dual.maneuver_time
     if dual is not None and not dual.reaches:
-        trouble = f"no command was found: at T = {near:.6g} s the grid reaches {dual.fraction:.3g} of the target"
+        trouble = f"no command was found: at T = {dual.maneuver_time:.6g} s the grid reaches {dual.fraction:.3g} of the target"
     reason = trouble or "no command found is proven to keep the tolerance between the plants that were looked at"
     command = None if found is None or found.solution is None else staircase(found.problem, found.solution)
     upper = None if command is None else command.maneuver_time

@@ -58,17 +58,17 @@ def at_rest_at_once(posed: Problem) -> bool:
     return not _worst(posed, *none, 1.0)
 
 
-def minimum(posed: Problem, settings: Settings, near: Sampled | None = None) -> Sampled:
+def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, guess: float | None = None) -> Sampled:
     """The root of α(T) = 1 with as many samples and instants as its command needs not to exceed the tolerance anywhere.
 
-    `near` is what was found of this problem, or one like it, before. Raises `SolverError`.
+    `near` is what was found of this problem, or one like it, before, `guess` a guess at its time [s]. Raises `SolverError`.
     """
     box, count = posed.maneuver.box, 0
     assert box is not None
     if near is None:
         posed = _with_samples(posed, [*box.samples, box.nominal, *box.places(FIRST.get(len(box.axes), 2))])
         looks = first_looks(posed)
-        first = grid_minimum(posed, replace(settings, tolerance=ROUGH), None, looks)
+        first = grid_minimum(posed, replace(settings, tolerance=ROUGH), guess, looks)
         count = first.count
         if first.above is None:
             return Sampled(posed, looks, None, first.below, count)
