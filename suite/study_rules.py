@@ -39,11 +39,15 @@ BELONGS: dict[str, tuple[str, ...]] = {
     "modes": ("shaper",),
     "reference": ("shaper",),
     "band": ("shaper",),
+    "bands": ("shaper",),
     "damping": ("shaper",),
     "negative": ("shaper",),
     "sums": ("shaper",),
     "sample_time": ("shaper",),
     "simultaneous": ("shaper",),
+    "pulse": ("shaper",),
+    "height": ("shaper",),
+    "impulses": ("shaper",),
     "delays": ("pole-zero",),
     "form": ("pole-zero",),
     "file": ("file",),
@@ -120,6 +124,8 @@ def _command(command: schema.Command) -> Iterator[Mistake]:
         if command.kind not in BELONGS[key]:
             kinds = " or ".join(f'"{kind}"' for kind in BELONGS[key])
             yield Mistake(f"command.{key}", getattr(command, key), f'means nothing for kind = "{command.kind}"; it belongs to {kinds}')
+    if command.band is not None and command.bands is not None:
+        yield Mistake("command.bands", list(command.bands), "contradicts band; give one of them")
     for key in NEEDS.get(command.kind, ()):
         if getattr(command, key) is None:
             yield Mistake(f"command.{key}", ABSENT, f'is missing; kind = "{command.kind}" needs it')
