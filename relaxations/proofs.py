@@ -30,6 +30,7 @@ from relaxations.bounds import (
 from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
+from relaxations.duality import Costate
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.polishing import Polished, polish
@@ -144,8 +145,13 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         for dual in (found.dual, above):
             if dual is not None:
                 posed = replace(dual.problem, maneuver=problem.maneuver)
-                proof = proof.better(Proof(lower_side(posed, task, dual, found.upper or dual.maneuver_time)))
+                proof = proof.better(Proof(lower_side(posed, task, dual, _near(problem, found, dual))))
     return proof
+
+
+def _near(problem: Problem, found: Bound, dual: Extremal | programs.GridSolution | Costate) -> float:
+    """Where to look for the longest time that a dual refutes: of a plant that begins elsewhere than at rest, at its own."""
+    return dual.maneuver_time if found.upper is None or problem.begin is not None else found.upper
 
 
 def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polished: Polished) -> Proof:
@@ -186,7 +192,8 @@ def _witnesses(problem: Problem, extremal: Extremal, duration: Number, starts: N
     to_go = np.array([float(duration) - float(start) for start in starts])
     slopes = float(duration) * problem.rows(to_go) * jumps
     largest = max((abs(float(c)) for c in tail), default=0.0) or 1.0
-    columns = np.hstack([slopes.sum(axis=1, keepdims=True), slopes[:, 1:], -problem.tail.columns * largest])
+    drift = float(duration) * problem.aim(np.array([float(duration)]))[1]
+    columns = np.hstack([slopes.sum(axis=1, keepdims=True) - drift, slopes[:, 1:], -problem.tail.columns * largest])
     columns /= np.abs(columns).max(axis=1)[:, None]
     free = [names[i] for i in np.sort(pivots(columns)[:size])]
     finest = min(RADII[0], SMALL / problem.frame.condition) if problem.frame else RADII[0]
