@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR
 from typing import TYPE_CHECKING, Any
 
+from relaxations.deflection import deflection
 from suite.rounding import outward
 
 if TYPE_CHECKING:
@@ -15,9 +17,20 @@ if TYPE_CHECKING:
 def shaper_lines(done: Shaping) -> Iterator[str]:
     """Duration with its lower bound, insensitivity, and the proven worst case."""
     request = done.request
+    if done.decay is not None:
+        found = done.decay
+        left = f"rms {found.decay.rms:.3g} is left of {found.decay.samples} samples"
+        yield f"decay of {found.signal}, {found.begin:g} to {found.end:g} s: {left}"
+        for number, mode in enumerate(found.decay.modes, 1):
+            frequency, error = mode.mode.frequency / (2 * math.pi), mode.frequency_error / (2 * math.pi)
+            damped = f"damping {mode.mode.damping:.6g} ± {mode.damping_error:.1g}"
+            yield f"  mode {number}: {frequency:.8g} ± {error:.1g} Hz, {damped}, amplitude {mode.amplitude:.4g} (measured)"
     yield f"duration: {done.shaper.duration!r} s"
     if done.least:
         yield f"least duration of {done.least.among}: {done.least.duration!r} s: proved"
+    if request.deflection is not None:
+        largest = max(deflection(done.shaper, mode) for mode in request.modes)
+        yield f"largest deflection from the shaped step: {largest:.4f} of that under an unshaped one (measured)"
     yield f"insensitivity at {100 * request.tolerance:g} %: {done.insensitivity:.6f} of the frequency (measured)"
     low, high = done.damping or (None, None)
     damping = "" if low is None else f", damping {low:g} to {high:g}"
