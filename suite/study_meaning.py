@@ -77,6 +77,8 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
             sensitivity,
             written.limits.sample_time,
             written.limits.fuel,
+            written.limits.pulse_width,
+            written.limits.pulses,
         ),
         command=command,
         simulation=_simulation(written.simulation),
