@@ -14,7 +14,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.boxes import Box, Residuals, Sample
+from relaxations.boxes import Box, at
 from relaxations.courses import Course, courses_of
 from relaxations.errors import ManeuverError
 from relaxations.frames import Frame
@@ -22,6 +22,7 @@ from relaxations.initial import at_rest, moments, moved
 from relaxations.moments import Basis
 from relaxations.plants import Exact, LinearPlant, Pole, exact, roots
 from relaxations.ramps import hats, rate_of
+from relaxations.residuals import Residuals, Sample
 from relaxations.tails import TailLength, TailSpace, caps, tail_columns
 
 Reals = NDArray[np.float64]
@@ -36,10 +37,10 @@ class Limits:
     lower: Fraction
     upper: Fraction
     fuel: Fraction | None = None
-    deflection: Mapping[str, Fraction] = field(default_factory=dict)
-    rate: tuple[Fraction, Fraction] | None = None
     pulse_width: Fraction | None = None
     pulses: int | None = None
+    deflection: Mapping[str, Fraction] = field(default_factory=dict)
+    rate: tuple[Fraction, Fraction] | None = None
 
     @property
     def pulsed(self) -> bool:
@@ -56,9 +57,8 @@ class Limits:
     ) -> Limits:
         """From numbers as written; raises `ManeuverError` if they are not ascending."""
         deflections = {name: exact(limit) for name, limit in (deflection or {}).items()}
-        limits = Limits(
-            exact(lower), exact(upper), None if fuel is None else exact(fuel), deflections, rate and (exact(rate[0]), exact(rate[1]))
-        )
+        slope = rate and (exact(rate[0]), exact(rate[1]))
+        limits = Limits(exact(lower), exact(upper), None if fuel is None else exact(fuel), deflection=deflections, rate=slope)
         if not limits.lower < limits.upper:
             raise ManeuverError(f"limits ascend: [{float(limits.lower)!r}, {float(limits.upper)!r}] leaves the input no room")
         return limits
@@ -350,10 +350,11 @@ def _boxed(plants: Sequence[LinearPlant], maneuver: Maneuver, box: Box, hold: fl
     if rigid:
         target[-1] = float(maneuver.displacement) / plant.partial().residues[0][-1].real
     samples = []
-    for place in box.samples or (box.nominal,):
+    for place in box.samples or dict.fromkeys((box.nominal, *box.places(2))):
         one = box.family.member(place)
         if one.rigid_order != rigid:
-            raise ManeuverError(f"the plants of a box have the same number of poles at the origin, not {rigid} and {one.rigid_order}")
+            counts = f"{rigid} in the nominal one, {one.rigid_order} {at(place)}"
+            raise ManeuverError(f"the plants of a box have the same number of poles at the origin, not {counts}")
         samples.append(Sample.of(place, one, hold))
     allowed = float(box.tolerance * abs(maneuver.displacement))
     return (TargetSet(basis, target),) if rigid else (), Residuals(tuple(samples), allowed)

@@ -20,10 +20,6 @@ def _one_of(*refused: str) -> Callable[[object], bool]:
 UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     # Path: for which values it is refused, and what is possible instead. A key leaves this table when this version honours it.
     "command.kind": (_one_of("fuel-efficient", "pole-zero"), '"time-optimal", "shaper" and "file" are supported'),
-    "command.final_tolerance": (
-        _given,
-        "the final error of other plants than the nominal one is measured, by a requirement on final_error",
-    ),
     "command.type": (_given, "profiles of every type are searched"),
     "command.alpha": (_given, "fuel has no price"),
     "uncertainty.distribution": (_given, "range is supported"),

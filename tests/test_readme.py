@@ -180,7 +180,6 @@ def test_the_requirement_of_the_example_can_be_written():
 def test_what_is_not_there_yet_is_named():
     words = {
         "command.kind": "fuel-efficient commands",
-        "command.final_tolerance": "a tolerance of the final error",
         "command.type": "fuel-efficient commands",
         "command.alpha": "fuel-efficient commands",
         "uncertainty.distribution": "random samples",
