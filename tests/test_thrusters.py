@@ -10,16 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forgery import forged
-from study_texts import mistakes
+from study_texts import mistakes, read
 
 from relaxations.bounds import Bound, Status
 from relaxations.checking.claims import Outcome, check, claim
-from relaxations.commands import Command
+from relaxations.commands import Command, Segment, Tail
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
 from relaxations.response import response
+from suite.errors import StudyError
+from suite.loading import load_study
+from suite.tables import tabulate
 
 RIGID = LinearPlant.from_transfer([1], [1, 0, 0])
 TWO_MASS = LinearPlant.from_transfer([1], [2, 0, 4, 0, 0])
@@ -114,6 +117,35 @@ def test_what_is_no_width_or_goes_with_none_is_refused() -> None:
 def test_studies_that_contradict_themselves(more: str, place: str, tmp_path: Path) -> None:
     text = f"[plant]\nnumerator = [1]\ndenominator = [1, 0, 0]\n[maneuver]\ndisplacement = 1\n[limits]\ninput = [-1, 1]\n{more}\n"
     assert "contradicts limits.pulse" in mistakes(tmp_path, text)[place]
+
+
+def test_a_table_would_scale_thrusters_and_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(
+        "[plant]\nnumerator = [1]\ndenominator = [1, 0, 0]\n[maneuver]\ndisplacement = 1\n[limits]\ninput = [-1, 1]\npulses = 3\n"
+    )
+    with pytest.raises(StudyError, match="thrusters are on or off"):
+        tabulate(load_study(file), (Fraction(1), Fraction(2)))
+
+
+@pytest.mark.parametrize(
+    ("segments", "words"),
+    [
+        ([(0.0, 1.0), (1.0, -1.0)], ""),
+        ([(0.0, 1.0), (0.4, -1.0)], "a pulse of 0.4 s"),
+        ([(0.0, 0.5), (1.0, -1.0)], "thrusters give"),
+        ([(0.0, 1.0), (1.0, -1.0), (2.0, 1.0), (3.0, -1.0)], "4 pulses"),
+    ],
+)
+def test_a_command_file_is_held_to_the_pulses(segments: list[tuple[float, float]], words: str, tmp_path: Path) -> None:
+    command = Command(segments[-1][0] + 1.0, tuple(Segment(*pair) for pair in segments), Tail(0.0))
+    (tmp_path / "command.json").write_text(json.dumps(command.to_dict()))
+    text = "[plant]\nnumerator = [1]\ndenominator = [1, 0, 0]\n[maneuver]\ndisplacement = 1\n[limits]\ninput = [-1, 1]\n"
+    text += 'pulse_width = 0.5\npulses = 3\n[command]\nkind = "file"\nfile = "command.json"\n'
+    if not words:
+        assert read(tmp_path, text).command.given == command
+    else:
+        assert words in mistakes(tmp_path, text)["command.file"]
 
 
 @pytest.fixture(scope="module")
