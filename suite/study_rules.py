@@ -22,10 +22,6 @@ UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     "limits.rate": (_given, "limits.input alone limits the command; a requirement on peak_rate measures it"),
     "limits.deflection": (_given, "limits.input alone limits the command; a requirement on peak(NAME) measures it"),
     "command.kind": (_one_of("fuel-efficient", "pole-zero"), '"time-optimal", "shaper" and "file" are supported'),
-    "command.final_tolerance": (
-        _given,
-        "the final error of other plants than the nominal one is measured, by a requirement on final_error",
-    ),
     "command.type": (_given, "profiles of every type are searched"),
     "command.alpha": (_given, "fuel has no price"),
     "uncertainty.distribution": (_given, "range is supported"),

@@ -2,68 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from fractions import Fraction
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-import rfc8785
+from box_tasks import ONE, SPRING, TWIN, K, axis, fastest, forged, residual, robust, transfer
 
 from fmus.twins import linear_plant, read_twin, twin_family
-from relaxations.bounds import Bound, Status
+from relaxations.bounds import Status
 from relaxations.boxes import Axis, Box
 from relaxations.checking.claims import Outcome, check
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, problem
-from relaxations.proofs import minimum_time
-from relaxations.response import response
-
-TWIN = """
-input = "force"
-states = ["x1", "v1", "x2", "v2"]
-A = [
-    ["0", "1", "0", "0"],
-    ["-stiffness / mass_1", "-damping / mass_1", "stiffness / mass_1", "damping / mass_1"],
-    ["0", "0", "0", "1"],
-    ["stiffness / mass_2", "damping / mass_2", "-stiffness / mass_2", "-damping / mass_2"],
-]
-B = ["0", "1 / mass_1", "0", "0"]
-
-[parameters]
-mass_1 = "1"
-mass_2 = "1"
-stiffness = "1"
-damping = "0"
-
-[outputs]
-x2 = { C = ["0", "0", "1", "0"], D = "0" }
-"""
-
-
-def axis(name: str, width: str, nominal: str = "1") -> Axis:
-    middle = Fraction(nominal)
-    return Axis(name, middle, middle * (1 - Fraction(width)), middle * (1 + Fraction(width)))
-
-
-@cache
-def robust(displacement: str, tolerance: str, *axes: Axis, damping: str = "0") -> Bound:
-    family = twin_family(TWIN, "x2", [a.name for a in axes], {"damping": damping})
-    maneuver = Maneuver(Fraction(displacement), Limits.of(-1, 1), box=Box(axes, family, Fraction(tolerance)))
-    return minimum_time(problem([family.member([a.nominal for a in axes])], maneuver))
-
-
-def residual(bound: Bound, displacement: float, **parameters: float) -> float:
-    """By simulation in closed form, which shares nothing with the proof: the peak of |y - y(∞)| over 40 s after the move."""
-    plant = linear_plant(read_twin(TWIN, {name: repr(value) for name, value in parameters.items()}), "x2")
-    assert bound.command is not None
-    times = bound.command.maneuver_time + np.linspace(0.0, 40.0, 8001)
-    course = response(plant, bound.command, times)
-    resting = (course.max() + course.min()) / 2  # undamped: the middle of the oscillation
-    return float(np.abs(course - resting).max()) / displacement
 
 
 @pytest.mark.parametrize(("displacement", "width", "known"), [("1", "0.2", (5.396953, 5.397080)), ("5", "0.3", (7.269718, 7.269796))])
@@ -130,13 +82,6 @@ def test_a_family_is_the_plant_at_every_place():
         assert own.numerators[own.output] == twin.numerators["x2"]
 
 
-def forged(content: bytes, change: Any) -> Outcome:
-    data = json.loads(content)
-    change(data)
-    data.pop("digest")
-    return check(rfc8785.dumps({**data, "digest": hashlib.sha256(rfc8785.dumps(data)).hexdigest()})).outcome
-
-
 @pytest.mark.parametrize(
     ("change", "outcomes"),
     [
@@ -175,3 +120,9 @@ def test_what_cannot_be_asked():
                 box=Box((Axis("damping", Fraction(1), Fraction(-1), Fraction(1)),), unstable, Fraction(1, 20), ((Fraction(-1),),)),
             ),
         )
+    with pytest.raises(ManeuverError, match="final tolerance"):
+        Box((axis("k", "0.1"),), SPRING, Fraction(1, 20), final_tolerance=Fraction(-1))
+    with pytest.raises(ManeuverError, match="poles at the origin"):
+        fastest(transfer(["k"], [ONE], [ONE, {}, {(1,): 1, (0,): "-0.8"}]), axis("k", "0.2"), displacement="1")
+    with pytest.raises(ManeuverError, match="repeated pole"):
+        fastest(transfer(["k"], [ONE], [ONE, {(0,): 2}, K]), axis("k", "0"))

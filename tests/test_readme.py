@@ -182,7 +182,6 @@ def test_what_is_not_there_yet_is_named():
         "limits.rate": "rate",
         "limits.deflection": "deflection",
         "command.kind": "fuel-efficient commands",
-        "command.final_tolerance": "a tolerance of the final error",
         "command.type": "fuel-efficient commands",
         "command.alpha": "fuel-efficient commands",
         "uncertainty.distribution": "random samples",

@@ -12,7 +12,7 @@ from typing import Any
 import flint
 from flint import fmpq
 
-from relaxations.checking import boxes, lower, upper
+from relaxations.checking import lower, members, upper
 from relaxations.checking.balls import system, work
 from relaxations.checking.reading import Malformed, Refuted, Undecided, read
 
@@ -65,10 +65,10 @@ def check(content: bytes) -> Check:
         for bits in BITS:
             flint.ctx.prec = bits
             try:
-                boxes.sensible(certificate.task)
+                members.sensible(certificate.task)
                 posed = system(certificate.task)
                 if claimed.impossible is not None:
-                    lower.impossible(posed, claimed.impossible)
+                    lower.impossible(posed, claimed.impossible, certificate.lower)
                 if claimed.lower:
                     lower.prove(posed, certificate.lower, claimed.lower)
                 if claimed.upper is not None:
@@ -107,7 +107,7 @@ def claim(found: Check) -> str:
         lines += [f"  {name:<12} [{', '.join(plant[name])}]" for name in ("numerator", "denominator")]
         if plant["zeros"]:
             lines.append("  further zeros of the command: " + ", ".join(f"{count} at {name}" for name, count in plant["zeros"].items()))
-    lines += boxes.plants(task)
+    lines += members.plants(task)
     rest, (low, high), tail = REST[task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
     start, begins = task["initial_state"], f"Task: from rest at input {task['initial_input']}"
     if start is not None:
@@ -120,7 +120,7 @@ def claim(found: Check) -> str:
     lines.append(f"Limits: {low} ≤ u(t) ≤ {high} for all t ≥ 0.")
     if fuel := task["limits"]["fuel"]:
         lines.append(f"  The fuel ∫|u(t) - {task['initial_input']}| dt of the move, from 0 to T, is at most {fuel}.")
-    lines += boxes.promises(task)
+    lines += members.promises(task)
     if (width := task["limits"]["pulse_width"]) is not None or task["limits"]["pulses"] is not None:
         lines.append(f"  Thrusters: until T, u is {low}, {high} or {task['initial_input']}, in pulses (constant pieces other than that)")
         few = "" if task["limits"]["pulses"] is None else f", at most {task['limits']['pulses']} of them"
