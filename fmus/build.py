@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import get_args
 
+from fmus import compiled as loop
 from fmus.compiling import FLAGS, SUFFIX, FmiVersion, cache, compile_library, host
 from fmus.errors import BuildError, DescriptionError
 from fmus.generation import build_description_3, c_header, model_description_2, model_description_3
@@ -79,6 +80,7 @@ def build_folder(folder: Path, fmi_version: FmiVersion = "3.0", out: Path | None
     library = f"binaries/{host().folder(fmi_version)}/{plant.name}{SUFFIX[host().system]}"
     key = digest({**files, "flags": " ".join(FLAGS).encode(), "platform": library.encode()})
     archive = cache() / "fmus" / key[:16] / f"{plant.name}.fmi{fmi_version[0]}.fmu"
+    loop.build()  # so that steps are quick wherever plants are built
     if not archive.exists():
         write(archive, zipped({**files, library: compile_library(plant.name, compiled, source_texts(files))}))
     if out is None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import queue
-import secrets
 import shutil
 import signal
 import subprocess
@@ -16,15 +14,17 @@ import weakref
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
+from fmus import compiled
 from fmus.archives import Fmu
 from fmus.confinement import MEBIBYTE, Confinement, in_force, signal_of, wrapped
 from fmus.errors import FmuError
-from fmus.isolated import PEAK, frame, read_frame
+from fmus.isolated import PEAK, frame
+from fmus.pipes import Broken, Message, Pipes, until
+from fmus.rows import Rows
 from fmus.stepping import RunStatus
 
-OUTPUT_LIMIT = 2**16  # bytes kept of what an FMU prints in one run
 NEARLY = 0.9  # of the memory that it may have: a process that fails with that much has failed for the lack of more
 RESERVED = 24 * MEBIBYTE  # what counts against the limit and need not be used: stacks of threads, the allocator's spare room
 LOOK = 0.2  # seconds between two looks at a child that does not answer
@@ -53,6 +53,10 @@ class Child:
         work = self.folder / "work"
         work.mkdir()
         (self.folder / PEAK).touch()
+        loop = compiled.found()
+        # A copy of its own: the cache may not be visible in a sandbox.
+        self.loop = None if loop is None else str(shutil.copyfile(loop, self.folder / loop.name))
+        self.rows = Rows(self.folder)
         root = str(Path(__file__).resolve().parent.parent)
         path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
         limits = [str(self.confinement.memory), str(self.confinement.file_size)]
@@ -71,17 +75,18 @@ class Child:
             shutil.rmtree(self.folder, ignore_errors=True)
             raise
         process = self._process
+        assert process.stdin is not None
         assert process.stdout is not None
         assert process.stderr is not None
-        self._finalizer = weakref.finalize(self, _end, process, self.folder)
-        self._inbox: queue.SimpleQueue[tuple[dict[str, Any], bytes] | None] = queue.SimpleQueue()
-        self._reader = threading.Thread(target=_receive, args=(process.stdout, self._inbox), daemon=True)
-        self._reader.start()
-        self._printed = _Printed(process.stderr)
+        self._group = _Group(process)
+        self._finalizer = weakref.finalize(self, self._group.end, self.folder)
+        self._asked = threading.Lock()
+        self._pipes = Pipes(process.stdin.fileno(), process.stdout.fileno(), process.stderr.fileno())
         ready = self._await(Answer(RunStatus.FAILED, ""), time.monotonic() + START_TIMEOUT, _Patience(None, None))
         if ready is None or ready.get("status") != "READY":
+            words = self._pipes.printed()[-2000:]
             self.stop()
-            raise FmuError(f"the child process for the FMU did not start: {self._printed.text()[-2000:] or 'no message'}")
+            raise FmuError(f"the child process for the FMU did not start: {words or 'no message'}")
 
     @property
     def alive(self) -> bool:
@@ -102,72 +107,59 @@ class Child:
             raise FmuError(f"the wall-clock limit must be positive, is {timeout!r} s")
         place = self.folder / request["sha256"][:32]
         request["library"], request["resources"] = str(place / request["library"]), str(place / "resources")
-        mark = request["mark"] = secrets.token_hex(16)
-        self._printed.begin(mark)
         deadline = time.monotonic() + timeout
         answer = Answer(RunStatus.FAILED, "")
-        # A child that hangs does not read, and a pipe holds little: write beside the clock, not before it.
-        threading.Thread(target=self._send, args=(frame(request, raw),), daemon=True).start()
-        patience = _Patience(request.get("progress"), self.confinement.step)
-        reply = self._await(answer, deadline, patience)
-        if reply is not None:
-            answer.status, answer.detail, answer.reply = RunStatus[reply["status"]], reply["detail"], reply
-            self._printed.marked.wait(5.0)
-        elif not self._gone() and (patience.over or time.monotonic() >= deadline):
-            answer.status, answer.detail = RunStatus.HUNG, f"no answer within {timeout:g} s"
-            if patience.over:
-                answer.detail = f"a step took longer than {patience.limit:g} s"
-            self._kill()
-        else:
-            code = signal_of(self._ended(), self.confinement)
-            self._kill()
-            self._drain_messages(answer)
-            answer.status, answer.detail = self._judge(code)
-        answer.printed = self._printed.text()
+        with self._asked:
+            if not self.alive:  # another thread has stopped it
+                answer.status, answer.detail = RunStatus.CRASHED, "SIGKILL"
+                return answer
+            self._pipes.send(frame(request, raw))
+            patience = _Patience(request.get("progress"), self.confinement.step)
+            reply = self._await(answer, deadline, patience)
+            if reply is not None:
+                answer.status, answer.detail, answer.reply = RunStatus[reply["status"]], reply["detail"], reply
+            elif not self._gone() and (patience.over or time.monotonic() >= deadline):
+                answer.status, answer.detail = RunStatus.HUNG, f"no answer within {timeout:g} s"
+                if patience.over:
+                    answer.detail = f"a step took longer than {patience.limit:g} s"
+                self._group.kill()
+            else:
+                code = signal_of(self._ended(), self.confinement)
+                self._group.kill()
+                self._take(answer, 0.0)
+                answer.status, answer.detail = self._judge(code)
+            answer.printed = self._pipes.printed()
         return answer
 
     def stop(self) -> None:
         """Kill the process and what it started, remove the folder."""
-        self._kill()
-        self._finalizer()
+        self._group.kill()
+        with self._asked:  # whoever waits for an answer sees the end of it first
+            self._finalizer()
 
-    def _kill(self) -> None:
-        """Kill the process and what it started; the folder still holds the rows so far."""
-        _kill(self._process)
-        self._reader.join(1.0)
-        self._printed.join(1.0)
-
-    def _send(self, data: bytes) -> None:
-        assert self._process.stdin is not None
-        with suppress(OSError, ValueError):  # if the child has died, the reading side finds out and says how
-            self._process.stdin.write(data)
-            self._process.stdin.flush()
-
-    def _await(self, answer: Answer, deadline: float, patience: _Patience) -> dict[str, Any] | None:
+    def _await(self, answer: Answer, deadline: float, patience: _Patience) -> Message | None:
         """The reply; messages on the way are collected. None when the child dies or the time is up."""
         while True:
             try:
-                item = self._inbox.get(timeout=min(max(deadline - time.monotonic(), 0.0), patience.look))
-            except queue.Empty:
-                # The end of the stream may never come if the FMU has started a process that holds the pipe.
-                if time.monotonic() >= deadline or self._gone() or patience.ends():
-                    return None
-                continue
-            if item is None:
+                reply = self._take(answer, until(deadline, patience.look))
+            except Broken:  # the FMU wrote into the pipe: what follows cannot be read
                 return None
-            message = item[0]
+            if reply is not None:
+                return reply
+            # The end of the stream may never come if the FMU has started a process that holds the pipe.
+            if self._pipes.ended or time.monotonic() >= deadline or self._gone() or patience.ends():
+                return None
+
+    def _take(self, answer: Answer, seconds: float) -> Message | None:
+        """What comes within so many seconds: messages, and the reply if it is there."""
+        for message in self._pipes.messages(seconds):
             if "restart" in message:
                 answer.messages.clear()
             elif "message" in message:
                 answer.messages.append(tuple(message["message"]))
             else:
                 return message
-
-    def _drain_messages(self, answer: Answer) -> None:
-        while not self._inbox.empty():
-            item = self._inbox.get()
-            if item is not None and "message" in item[0]:
-                answer.messages.append(tuple(item[0]["message"]))
+        return None
 
     def _ended(self) -> int:
         deadline = time.monotonic() + 5.0
@@ -219,67 +211,30 @@ class _Patience:
         return self.over
 
 
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    """Kill the process, and at the first call its whole group: later the group's number might be somebody else's."""
-    assert process.stdin is not None
-    if not process.stdin.closed and os.name == "posix":
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
-    process.kill()
-    process.wait()
-    with suppress(OSError):  # unsent bytes of a request to a dead child
-        process.stdin.close()
+class _Group:
+    """The process and all that it has started."""
 
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        self.process = process
+        self._killed = False
 
-def _end(process: subprocess.Popen[bytes], folder: Path) -> None:
-    """Kill, reap, remove; runs once, at the latest when the parent's interpreter ends."""
-    _kill(process)
-    shutil.rmtree(folder, ignore_errors=True)
+    def kill(self) -> None:
+        """Kill the process, and at the first call its whole group: later the group's number might be somebody else's."""
+        if not self._killed and os.name == "posix":
+            self._killed = True
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.kill()
+        self.process.wait()
 
-
-def _receive(stream: IO[bytes], inbox: queue.SimpleQueue[tuple[dict[str, Any], bytes] | None]) -> None:
-    with stream, suppress(ValueError, OSError):  # the FMU wrote into the pipe: what follows cannot be read
-        while (item := read_frame(stream)) is not None:
-            inbox.put(item)
-    inbox.put(None)
-
-
-class _Printed:
-    """Drains what the FMU prints, so that it never blocks, and keeps the beginning."""
-
-    def __init__(self, stream: IO[bytes]) -> None:
-        self.marked = threading.Event()
-        self._lock = threading.Lock()
-        self._kept, self._tail, self._more, self._mark = bytearray(), b"", False, b""
-        self._thread = threading.Thread(target=self._drain, args=(stream,), daemon=True)
-        self._thread.start()
-
-    def begin(self, mark: str) -> None:
-        """Forget the last run's output; `mark` will end this run's."""
-        with self._lock:
-            self._kept, self._tail, self._more, self._mark = bytearray(), b"", False, mark.encode()
-            self.marked.clear()
-
-    def text(self) -> str:
-        with self._lock:
-            text = bytes(self._kept).replace(self._mark, b"") if self._mark else bytes(self._kept)
-            return text.decode("utf-8", "replace") + ("\n… (more was printed, and dropped)" if self._more else "")
-
-    def join(self, timeout: float) -> None:
-        self._thread.join(timeout)
-
-    def _drain(self, stream: IO[bytes]) -> None:
-        with stream:
-            while data := os.read(stream.fileno(), 65536):
-                with self._lock:
-                    room = OUTPUT_LIMIT - len(self._kept)
-                    self._kept += data[: max(room, 0)]
-                    window = self._tail + data
-                    ended = bool(self._mark) and self._mark in window
-                    self._more = self._more or len(data) - (len(self._mark) if ended else 0) > room
-                    self._tail = window[-64:]
-                    if ended:
-                        self.marked.set()
+    def end(self, folder: Path) -> None:
+        """Kill, reap, close, remove; runs once, at the latest when the parent's interpreter ends."""
+        self.kill()
+        for pipe in (self.process.stdin, self.process.stdout, self.process.stderr):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _judge_exit(code: int) -> tuple[RunStatus, str]:

@@ -8,17 +8,24 @@ from __future__ import annotations
 from array import array
 from bisect import bisect_right
 from collections.abc import Callable
+from ctypes import CDLL
 
+from fmus import rows
+from fmus.accesses import Group
+from fmus.compiled import INPUT, READ, SET, STEP, TILT, Loop, load
 from fmus.errors import CallFailed, FmuError
 from fmus.events import Interruption, Steps
 from fmus.instances import Instance
 from fmus.interfaces import Instance2, Instance3
-from fmus.sessions import Messages, Progress, Request, create, driver, failed, prepare
+from fmus.rows import Progress
+from fmus.sessions import Messages, Request, create, driven, driver, failed, prepare
 
 HALVINGS = 10  # of a step that the FMU discards: 2^-10 of a communication step is as short as any FMU asked for in earnest
 SAME = 1e-12  # of a step: an early return nearer to its end than this was at its end
 MOST_PARTS = 10_000  # of a communication step, in which nearly as many events may lie
 DISCARD = 2
+
+Reader = Callable[[int], None]
 
 
 class _NeedsCopies(Exception):
@@ -44,9 +51,8 @@ def run(request: Request, raw: bytes, messages: Messages) -> Request:
 def _attempt(request: Request, raw: bytes, messages: Messages, copies: bool) -> Request:
     n = request["points"]
     columns = [array("d", raw[8 * i : 8 * j]) for i, j in _spans(n, request["ramps"])]
-    times, sizes, levels = columns[:3]
-    slopes = columns[3] if request["ramps"] else None
-    progress = Progress(request["progress"])
+    times = columns[0]
+    progress = rows.progress(request["progress"])
     count = progress.count
     count.value = 0
     messages.begin(times, count)
@@ -55,21 +61,18 @@ def _attempt(request: Request, raw: bytes, messages: Messages, copies: bool) -> 
         steps = Steps(request["event_mode"], request["early_return"], supply.required if supply else (), supply)
         instance = create(request, "co_simulation", messages, steps)
         prepare(instance, request)
-        read = instance.reader([tuple(o) for o in request["outputs"]], progress.address)
+        groups = instance.groups([tuple(o) for o in request["outputs"]])
+        read = instance.reader(groups, len(request["outputs"]), progress.address)
         stepping = _Stepping(instance, request, messages, copies)
         if supply:
             supply.instance, supply.assign = instance, driver(instance, request)
         stepping.begin(read)
         count.value = 1
-        applied, sloped = None, 0.0
-        for i in range(n - 1):
-            level, slope = levels[i], slopes[i] if slopes else 0.0
-            if supply.select((times[i] + times[i + 1]) / 2.0) if supply else level != applied or slope != 0.0 or sloped != 0.0:
-                stepping.apply(times[i], level, slope)
-                applied, sloped = level, slope
-            stepping.advance(times[i], sizes[i])
-            read(i + 1)
-            count.value = i + 2
+        code = load(request["loop"]) if request["loop"] and not (supply or copies) else None
+        if code is not None:
+            _compiled(code, instance, request, stepping, columns, groups, progress)
+        else:
+            _interpreted(stepping, supply, columns, read, progress)
         instance.terminate()
         warning = instance.warning
         instance.free()
@@ -83,6 +86,60 @@ def _attempt(request: Request, raw: bytes, messages: Messages, copies: bool) -> 
 def _spans(n: int, ramps: bool) -> list[tuple[int, int]]:
     """Where the columns lie in the raw part: times (n), sizes, levels and, with ramps, slopes (n - 1 each)."""
     return [(0, n), *((n + i * (n - 1), n + (i + 1) * (n - 1)) for i in range(3 if ramps else 2))]
+
+
+def _interpreted(stepping: _Stepping, supply: _Supply | None, columns: list[array[float]], read: Reader, progress: Progress) -> None:
+    """The loop in Python."""
+    times, sizes, levels = columns[:3]
+    slopes = columns[3] if len(columns) > 3 else None
+    applied, sloped = None, 0.0
+    for i in range(len(sizes)):
+        level, slope = levels[i], slopes[i] if slopes else 0.0
+        if supply.select((times[i] + times[i + 1]) / 2.0) if supply else level != applied or slope != 0.0 or sloped != 0.0:
+            stepping.apply(times[i], level, slope)
+            applied, sloped = level, slope
+        stepping.advance(times[i], sizes[i])
+        read(i + 1)
+        progress.count.value = i + 2
+
+
+def _compiled(
+    code: CDLL,
+    instance: Instance,
+    request: Request,
+    stepping: _Stepping,
+    columns: list[array[float]],
+    groups: list[Group],
+    progress: Progress,
+) -> None:
+    """The same in C, which asks back where something happens."""
+    times, sizes, levels = columns[:3]
+    slopes = columns[3] if len(columns) > 3 else None
+    inputs = driven(instance, request)
+
+    def ask(row: int, what: int, status: int) -> None:
+        if what == INPUT:
+            stepping.apply(times[row], levels[row], 0.0)
+        elif what == SET:
+            instance.judge(f"{instance.prefix}Set{inputs.suffix}", status)
+        elif what == TILT:
+            instance.judge(f"{instance.prefix}SetRealInputDerivatives", status)
+        elif what >= READ:
+            instance.judge(f"{instance.prefix}Get{groups[what - READ].suffix}", status)
+        else:
+            stepping.note(times[row], levels[row], slopes[row] if slopes else 0.0)
+            if what == STEP:
+                stepping.stepped(status, times[row], sizes[row])
+            else:
+                stepping.advance(times[row], sizes[row])
+        loop.event_time = stepping.event_time
+
+    loop = Loop(code, instance, inputs, request["ramps"], groups, ask)
+    loop.event_time = stepping.event_time
+    if isinstance(instance, Instance3):
+        loop.flags(instance)
+    width = len(request["outputs"])
+    loop.run(columns, width, progress.address, progress.count, events=request["event_mode"], divisible=request["divisible"])
 
 
 class _Supply:
@@ -124,7 +181,8 @@ class _Stepping:
         self._copyable: bool = request["copies"] and not copies
         self._divisible: bool = request["divisible"]
         self._level, self._slope, self._since = 0.0, 0.0, 0.0
-        self._event_time = float("inf")
+        self.event_time = float("inf")
+        """The next event that the FMU has announced [s]."""
 
     def begin(self, read: Callable[[int], None]) -> None:
         """Read the first row; out of the event mode that initialisation ends in."""
@@ -137,17 +195,27 @@ class _Stepping:
 
     def apply(self, time: float, level: float, slope: float) -> None:
         """The input from `time` [s] on."""
-        self._level, self._slope, self._since = level, slope, time
+        self.note(time, level, slope)
         if self._events:  # a jump of the input is an event
             self._event(lambda: self._assign(level))
         else:
             self._tell(time)
 
+    def note(self, time: float, level: float, slope: float) -> None:
+        """What the input is from `time` [s] on, however it is told."""
+        self._level, self._slope, self._since = level, slope, time
+
+    def stepped(self, status: int, start: float, size: float) -> None:
+        """After a step from `start` over `size` [s] that returned `status`."""
+        stopped = self._instance.stepped(status, start, size)
+        if stopped is not None:
+            self._resume(start, size, stopped)
+
     def advance(self, start: float, size: float) -> None:
         """From `start` over `size` [s], in one step if the FMU takes it."""
         if self._keep:
             self._keep()
-        timely = self._event_time >= start + size or not self._divisible
+        timely = self.event_time >= start + size or not self._divisible
         stopped = self._step(start, size) if timely else Interruption(start)
         if stopped is not None:
             self._resume(start, size, stopped)
@@ -171,15 +239,15 @@ class _Stepping:
                 self._messages("discard", f"a step of {asked:.9g} s from {now:.9g} s was discarded: cut to {largest:.9g} s")
             else:
                 now = stopped.reached
-                if self._events and (stopped.event or now >= self._event_time):
+                if self._events and (stopped.event or now >= self.event_time):
                     self._messages("ok", f"event at {now:.12g} s")
                     self._event()
             left = end - now
             if left <= SAME * size:
                 return
             asked = min(left, largest)
-            if self._divisible and now < self._event_time < now + asked:
-                asked = self._event_time - now
+            if self._divisible and now < self.event_time < now + asked:
+                asked = self.event_time - now
             if self._tilt:
                 self._tell(now)
             if self._keep:
@@ -204,4 +272,4 @@ class _Stepping:
         settled = self._instance.settle()
         if settled.terminate:
             raise _Terminated
-        self._event_time = settled.next_event
+        self.event_time = settled.next_event

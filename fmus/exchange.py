@@ -18,10 +18,12 @@ from ctypes import c_double
 import numpy as np
 from numpy.typing import NDArray
 
+from fmus import rows
 from fmus.errors import CallFailed, FmuError
 from fmus.instances import Instance
 from fmus.integration import Integrator, IntegratorError
-from fmus.sessions import Messages, Progress, Request, create, driver, failed, prepare
+from fmus.rows import Progress
+from fmus.sessions import Messages, Request, create, driver, failed, prepare
 from relaxations.commands import Command, Piece
 
 Array = NDArray[np.float64]
@@ -46,7 +48,7 @@ class _NotFinite(Exception):
 def run(request: Request, raw: bytes, messages: Messages) -> Request:
     """Integrate through the request's grid; returns the reply."""
     times = array("d", raw)
-    progress = Progress(request["progress"])
+    progress = rows.progress(request["progress"])
     messages.begin(times, progress.count)
     try:
         instance = create(request, "model_exchange", messages)
@@ -74,7 +76,7 @@ class _Exchange:
         self._model = _Model(instance, request)
         self._instance, self._times, self._messages = instance, times, messages
         self._count = progress.count
-        self._read = instance.reader([tuple(o) for o in request["outputs"]], progress.address)
+        self._read = instance.reader(instance.groups([tuple(o) for o in request["outputs"]]), len(request["outputs"]), progress.address)
         self._pieces = Command.from_dict(request["command"]).pieces(request["initial_input"])
         self._tolerance: float = request["tolerance"]
         self._informs: bool = request["completed_steps"]

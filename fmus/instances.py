@@ -10,16 +10,17 @@ standard library until a function needs more.
 from __future__ import annotations
 
 import ctypes
-import itertools
 import math
 import os
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from ctypes import POINTER, byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from fmus.accesses import Driven, Group, Number, Typed, cell, driven, grouped
 from fmus.errors import CallFailed, DescriptionError, FmuError
 from fmus.events import Discrete, Interruption, Steps
 
@@ -32,10 +33,6 @@ if TYPE_CHECKING:
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 
 Log = Callable[[str, str], None]
-Typed = tuple[str, int] | tuple[str, int, int, int]
-"""A variable's type and value reference; for one element of an array also the array's size and the element's place in it, from 0."""
-Number = type[ctypes._SimpleCData]
-"""The C type of a variable's values."""
 
 
 def parse_description(xml: bytes) -> ModelDescription:
@@ -78,8 +75,7 @@ class Instance(ABC):
         self.warning = ""
         self._last_message = ""
         self._handle: int | None = None
-        self._library = load(library)
-        self._functions: dict[str, Callable[..., int]] = {}
+        self._library, self._functions = loaded(library)
 
     @abstractmethod
     def instantiate(self, interface: str, steps: Steps | None = None) -> None:
@@ -92,6 +88,10 @@ class Instance(ABC):
     @abstractmethod
     def stepper(self) -> Callable[[float, float], Interruption | None]:
         """A function (t, h) that steps from t to t + h [s]; None if that was all."""
+
+    @abstractmethod
+    def stepped(self, status: int, t: float, h: float) -> Interruption | None:
+        """What a step from t to t + h [s] came to whose C function returned `status`; raises for one that cannot be mended."""
 
     @abstractmethod
     def update_discrete(self) -> Discrete:
@@ -139,24 +139,22 @@ class Instance(ABC):
         kind, reference, *element = variable
         values = [value] if isinstance(value, int | float) else list(value)
         if element:
-            self.setter(kind, reference, tuple(element))(values[0])
+            self.setter(self.driven(kind, reference, tuple(element)))(values[0])
             return
         suffix, ctype = self._type(kind)
-        cells = (ctype * max(len(values), 1))(*(_cell(ctype, x) for x in values))
+        cells = (ctype * max(len(values), 1))(*(cell(ctype, x) for x in values))
         self.call(f"Set{suffix}", (c_uint * 1)(reference), 1, cells, *self._count(len(values)))
 
-    def setter(self, kind: str, reference: int, element: Sequence[int] = (), others: Sequence[float] = ()) -> Callable[[float], None]:
-        """A fast function that sets one variable.
+    def driven(self, kind: str, reference: int, element: Sequence[int] = (), others: Sequence[float] = ()) -> Driven:
+        """One variable to be set again and again; see `fmus.accesses`."""
+        return driven(kind, reference, element, others, self._type)
 
-        Of an array only the `element` (size, place) changes, and the others keep the values `others` (size,): FMI sets arrays as a whole.
-        """
-        suffix, ctype = self._type(kind)
-        size, place = element or (1, 0)
-        function, handle = self.function(f"Set{suffix}"), self._handle
-        references, box = (c_uint * 1)(reference), (ctype * size)(*(_cell(ctype, x) for x in others))
-        whole = ctype is not c_double and ctype is not ctypes.c_float
-        arguments = (handle, references, 1, box, *self._count(size))
-        name = f"{self.prefix}Set{suffix}"
+    def setter(self, what: Driven) -> Callable[[float], None]:
+        """A fast function that sets it; of an array only the one element changes."""
+        function, box, place = self.function(f"Set{what.suffix}"), what.box, what.place
+        whole = what.ctype is not c_double and what.ctype is not ctypes.c_float
+        arguments = (self._handle, what.references, 1, box, *self._count(len(box)))
+        name = f"{self.prefix}Set{what.suffix}"
 
         def assign(value: float) -> None:
             box[place] = round(value) if whole else value
@@ -174,13 +172,13 @@ class Instance(ABC):
                 self.set((kind, reference), value)
             self.call("ExitConfigurationMode")
 
-    def reader(self, variables: Sequence[Typed], address: int) -> Callable[[int], None]:
-        """A function that reads the variables into row `i` of a block of float64 rows at `address`."""
-        width = len(variables)
-        groups: dict[str, list[int]] = {}
-        for column, (kind, *_) in enumerate(variables):
-            groups.setdefault(kind, []).append(column)
-        parts = [self._reader(kind, [variables[c] for c in columns], columns, width, address) for kind, columns in groups.items()]
+    def groups(self, variables: Sequence[Typed]) -> list[Group]:
+        """The calls that read the variables."""
+        return grouped(variables, self._type)
+
+    def reader(self, groups: Sequence[Group], width: int, address: int) -> Callable[[int], None]:
+        """A function that reads the groups into row `i`, of `width`, of a block of float64 rows at `address`."""
+        parts = [self._reader(group, width, address) for group in groups]
         if len(parts) == 1:
             return parts[0]
 
@@ -190,32 +188,25 @@ class Instance(ABC):
 
         return read
 
-    def _reader(self, kind: str, variables: list[Typed], columns: list[int], width: int, address: int) -> Callable[[int], None]:
-        suffix, ctype = self._type(kind)
-        sizes: dict[int, int] = {}  # of what is read, each array once
-        for _, reference, *element in variables:
-            sizes.setdefault(reference, element[0] if element else 1)
-        first = dict(zip(sizes, itertools.accumulate(sizes.values(), initial=0), strict=False))
-        places = [first[v[1]] + (v[3] if len(v) == 4 else 0) for v in variables]
-        function, handle, n, m = self.function(f"Get{suffix}"), self._handle, len(sizes), sum(sizes.values())
-        refs, tail, name = (c_uint * n)(*sizes), self._count(m), f"{self.prefix}Get{suffix}"
-        if ctype is c_double and places == list(range(width)) and m == width:
-            stride = 8 * width
+    def _reader(self, group: Group, width: int, address: int) -> Callable[[int], None]:
+        function, handle, references, n = self.function(f"Get{group.suffix}"), self._handle, group.references, len(group.references)
+        tail, name, stride = self._count(group.size), f"{self.prefix}Get{group.suffix}", 8 * width
+        if group.straight:
 
             def straight(row: int) -> None:
-                status = function(handle, refs, n, address + row * stride, *tail)
+                status = function(handle, references, n, address + row * stride, *tail)
                 if status:
                     self.judge(name, status)
 
             return straight
-        buffer = (ctype * m)()
+        buffer, targets = (group.ctype * group.size)(), tuple(zip(group.columns, group.places, strict=True))
 
         def copied(row: int) -> None:
-            status = function(handle, refs, n, buffer, *tail)
+            status = function(handle, references, n, buffer, *tail)
             if status:
                 self.judge(name, status)
-            cells = (c_double * width).from_address(address + 8 * width * row)
-            for column, place in zip(columns, places, strict=True):
+            cells = (c_double * width).from_address(address + row * stride)
+            for column, place in targets:
                 cells[column] = buffer[place]
 
         return copied
@@ -270,7 +261,7 @@ class Instance(ABC):
         """The values of a few variables."""
         block = (c_double * max(len(variables), 1))()
         if variables:
-            self.reader(variables, ctypes.addressof(block))(0)
+            self.reader(self.groups(variables), len(variables), ctypes.addressof(block))(0)
         return list(block)[: len(variables)]
 
     def call(self, name: str, *arguments: object) -> None:
@@ -289,21 +280,33 @@ class Instance(ABC):
 
     def function(self, name: str, restype: type | None = c_int) -> Callable[..., int]:
         """The C function with its prototype; `FmuError` if the binary lacks it."""
-        if name not in self._functions:
+        full = self.prefix + name
+        found = self._functions.get(full)
+        if found is None:
             try:
-                function = getattr(self._library, self.prefix + name)
+                found = getattr(self._library, full)
             except AttributeError:
-                raise FmuError(f"the FMU's binary has no function {self.prefix}{name}") from None
-            function.restype = restype
-            function.argtypes = [_LETTERS[letter] for letter in self._signature(name)]
-            self._functions[name] = function
-        return self._functions[name]
+                raise FmuError(f"the FMU's binary has no function {full}") from None
+            found.restype = restype
+            found.argtypes = [_LETTERS[letter] for letter in self._signature(name)]
+            self._functions[full] = found
+        return found
 
     def received(self, status: int, message: bytes | None) -> None:
         """Pass on a log message of the FMU."""
         text = (message or b"").decode("utf-8", "replace").rstrip("\n")
         self._last_message = text[:500]
         self.log(STATUS[status].lower() if 0 <= status < len(STATUS) else "unknown", text)
+
+    @property
+    def handle(self) -> int | None:
+        """The instance as the FMU knows it."""
+        return self._handle
+
+    def address(self, name: str) -> int:
+        """Where the C function lies, for other C code; `FmuError` if the binary lacks it."""
+        function: Any = self.function(name)
+        return ctypes.cast(function, c_void_p).value or 0
 
     @property
     def derivatives_function(self) -> str:
@@ -339,11 +342,13 @@ class Instance(ABC):
         self._handle = handle
 
 
-def _cell(ctype: Number, value: float) -> float:
-    return value if ctype is c_double or ctype is ctypes.c_float else round(value)
-
-
 _LETTERS = dict(v=c_void_p, s=c_char_p, d=c_double, i=c_int, b=c_bool, z=c_size_t, r=POINTER(c_uint))  # noqa: C408 - reads as a table
+
+
+@cache
+def loaded(library: Path) -> tuple[ctypes.CDLL, dict[str, Callable[..., int]]]:
+    """A shared library, which stays loaded, and its functions with their prototypes, as far as they have been asked for."""
+    return load(library), {}
 
 
 def load(library: Path) -> ctypes.CDLL:
@@ -359,17 +364,24 @@ def load(library: Path) -> ctypes.CDLL:
 
 def format_messages(callbacks: ctypes.Structure) -> None:
     """Put a C function before the logger that formats a message with its variadic arguments, which Python cannot receive."""
+    add = _formatter()
+    if add is not None:
+        add(byref(callbacks))
+
+
+@cache
+def _formatter() -> Callable[..., object] | None:
     from importlib.util import find_spec
 
     package = find_spec("fmpy")  # found, not imported: importing it would take longer than many a run
     system = {"win32": "win64", "darwin": "darwin64"}.get(sys.platform, "linux64")
     suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
     if package is None or package.origin is None:
-        return
+        return None
     try:
         helper = ctypes.CDLL(str(Path(package.origin).parent / "logging" / system / f"logging{suffix}"))
         add = helper.addLoggerProxy
     except (OSError, AttributeError):  # no such helper for this machine: messages keep their "%s"
-        return
+        return None
     add.argtypes, add.restype = [c_void_p], None
-    add(byref(callbacks))
+    return add

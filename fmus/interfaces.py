@@ -13,6 +13,11 @@ from fmus.errors import FmuError
 from fmus.events import Discrete, Interruption, Steps
 from fmus.instances import Instance, Number, format_messages
 
+_LOGGER2 = ctypes.CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p)
+_LOGGER3 = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)
+_UPDATE3 = ctypes.CFUNCTYPE(None, c_void_p, c_double, *[c_bool] * 4, c_void_p, c_void_p)
+_C = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
+
 
 class _Callbacks2(ctypes.Structure):
     _fields_ = (("logger", c_void_p), ("allocate", c_void_p), ("free", c_void_p), ("finished", c_void_p), ("environment", c_void_p))
@@ -67,12 +72,9 @@ class Instance2(Instance):
     }
 
     def instantiate(self, interface: str, steps: Steps | None = None) -> None:
-        logger = ctypes.CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p)(
-            lambda _environment, _name, status, _category, message: self.received(status, message)
-        )
-        c = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
-        self._keep = logger, c  # the FMU calls them as long as it lives
-        pointers = (ctypes.cast(f, c_void_p) for f in (logger, c.calloc, c.free))
+        logger = _LOGGER2(lambda _environment, _name, status, _category, message: self.received(status, message))
+        self._keep = logger  # the FMU calls it as long as it lives
+        pointers = (ctypes.cast(f, c_void_p) for f in (logger, _C.calloc, _C.free))
         self._callbacks = _Callbacks2(*pointers, None, None)
         format_messages(self._callbacks)
         function = self.function("Instantiate", restype=c_void_p)
@@ -89,13 +91,16 @@ class Instance2(Instance):
 
         def step(t: float, h: float) -> Interruption | None:
             status = function(handle, t, h, 1)
-            if status == 2:
-                return Interruption(min(max(self._reached(t), t), t + h), terminate=self._terminated(), discarded=True)
-            if status:
-                self.judge("fmi2DoStep", status)
-            return None
+            return self.stepped(status, t, h) if status else None
 
         return step
+
+    def stepped(self, status: int, t: float, h: float) -> Interruption | None:
+        if status == 2:
+            return Interruption(min(max(self._reached(t), t), t + h), terminate=self._terminated(), discarded=True)
+        if status:
+            self.judge("fmi2DoStep", status)
+        return None
 
     def keeper(self) -> tuple[Callable[[], None], Callable[[], None]]:
         """Two functions: keep the FMU's state as it is now, and go back to it. The copy is freed with the instance."""
@@ -154,6 +159,8 @@ class Instance3(Instance):
     """FMI 3.0."""
 
     early_return: bool = False
+    ended: tuple[c_bool, c_bool, c_bool, c_double]
+    """How the last step ended: with an event, the wish to terminate, early; and when [s], if early."""
     failure: FmuError | None = None
     """What went wrong in a callback of the FMU."""
 
@@ -195,10 +202,9 @@ class Instance3(Instance):
     }
 
     def instantiate(self, interface: str, steps: Steps | None = None) -> None:
-        self._logger = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)(
-            lambda _environment, status, _category, message: self.received(status, message)
-        )
+        self._logger = _LOGGER3(lambda _environment, status, _category, message: self.received(status, message))
         logger = ctypes.cast(self._logger, c_void_p)
+        self.ended = c_bool(False), c_bool(False), c_bool(False), c_double(0.0)
         # The standard wants a trailing separator, and NULL where there is no such folder.
         folder = os.path.join(self.resources, "").encode() if self.resources.is_dir() else None
         common = (self.name, self.token, folder, False, False)
@@ -227,7 +233,7 @@ class Instance3(Instance):
                 except FmuError as problem:
                     self.failure = problem
 
-        self._update = ctypes.CFUNCTYPE(None, c_void_p, c_double, *[c_bool] * 4, c_void_p, c_void_p)(update)
+        self._update = _UPDATE3(update)
         return ctypes.cast(self._update, c_void_p)
 
     def enter_initialization(self, stop: float | None, tolerance: float | None) -> None:
@@ -235,25 +241,32 @@ class Instance3(Instance):
 
     def stepper(self) -> Callable[[float, float], Interruption | None]:
         function, handle = self.function("DoStep"), self._handle
-        event, terminate, early, reached = c_bool(False), c_bool(False), c_bool(False), c_double(0.0)
-        flags = tuple(byref(flag) for flag in (event, terminate, early, reached))
+        flags = tuple(byref(flag) for flag in self.ended)
+        event, terminate, early, _ = self.ended
 
         def step(t: float, h: float) -> Interruption | None:
             status = function(handle, t, h, True, *flags)
-            if self.failure is not None:
-                failure, self.failure = self.failure, None
-                raise failure
-            if status == 2:  # the FMU is where it was, and says nothing else
-                return Interruption(t, discarded=True)
-            if status:
-                self.judge("fmi3DoStep", status)
-            if not (event.value or terminate.value or early.value):
-                return None
-            if early.value and not self.early_return and not terminate.value:
-                raise FmuError(f"fmi3DoStep returned early at {reached.value!r} s, which it was not allowed to")
-            return Interruption(min(max(reached.value, t), t + h) if early.value else t + h, event.value, terminate.value)
+            if status or event.value or terminate.value or early.value or self.failure is not None:
+                return self.stepped(status, t, h)
+            return None
 
         return step
+
+    def stepped(self, status: int, t: float, h: float) -> Interruption | None:
+        event, terminate, early = (flag.value for flag in self.ended[:3])
+        reached = self.ended[3].value
+        if self.failure is not None:
+            failure, self.failure = self.failure, None
+            raise failure
+        if status == 2:  # the FMU is where it was, and says nothing else
+            return Interruption(t, discarded=True)
+        if status:
+            self.judge("fmi3DoStep", status)
+        if not (event or terminate or early):
+            return None
+        if early and not self.early_return and not terminate:
+            raise FmuError(f"fmi3DoStep returned early at {reached!r} s, which it was not allowed to")
+        return Interruption(min(max(reached, t), t + h) if early else t + h, event, terminate)
 
     def enter_step_mode(self) -> None:
         """From event mode to steps."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
-import queue
+import select
 import shutil
 import signal
 import struct
@@ -90,21 +90,28 @@ def serve(requests: IO[bytes], replies: int, folder: str) -> None:
             while data:
                 data = data[os.write(replies, data) :]
 
-    inbox: queue.SimpleQueue[tuple[Request, bytes]] = queue.SimpleQueue()
-
-    def receive() -> None:
-        while (item := read_frame(requests)) is not None:
-            inbox.put(item)
-        # The parent is gone, however it went: leave nothing behind, even if the FMU hangs in the other thread.
+    def leave() -> NoReturn:
+        """The parent is gone, however it went: leave nothing behind."""
         shutil.rmtree(folder, ignore_errors=True)
         os._exit(0)
 
-    threading.Thread(target=receive, daemon=True).start()
+    def watch() -> None:
+        """Leave even while the FMU hangs in the other thread."""
+        poll = select.poll()
+        poll.register(requests, 0)  # tells of nothing but the end of the pipe
+        while not any(event & (select.POLLHUP | select.POLLERR) for _, event in poll.poll()):
+            pass
+        leave()
+
+    threading.Thread(target=watch, daemon=True).start()
     messages = Messages(send)
     send({"status": "READY"})
     flush = ctypes.CDLL(None).fflush if os.name == "posix" else ctypes.cdll.msvcrt.fflush
     while True:
-        request, raw = inbox.get()
+        item = read_frame(requests)
+        if item is None:
+            leave()
+        request, raw = item
         try:
             reply = run(request, raw, messages) if request["kind"] == "run" else linearize(request, messages)
         except CallFailed as problem:
@@ -113,12 +120,11 @@ def serve(requests: IO[bytes], replies: int, folder: str) -> None:
             reply = {"status": "FAILED", "detail": str(problem)}
         except OSError as problem:  # on Windows an access violation inside the FMU arrives as this
             reply = {"status": "CRASHED", "detail": str(problem)}
-        flush(None)  # what the FMU printed belongs before the mark
+        flush(None)  # what the FMU printed belongs before the reply
         try:
-            os.write(2, request["mark"].encode())
             send(reply)
-        except OSError:  # the parent is gone: the other thread cleans up and ends the process, so it must not end before
-            threading.Event().wait()
+        except OSError:
+            leave()
 
 
 def main() -> None:

@@ -20,14 +20,14 @@ class Misfit(FmuError):
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """`interface` in the words of the description, what the child is told (`request`, and `columns` as raw numbers), and the rows.
+    """`interface` in the words of the description, what the child is told (`request`, and `columns` as raw float64), and the rows.
 
     `times` (n,) [s] of all rows, `applied` (n,) the input from each of them on, `logged` the indices of those of the trajectory.
     """
 
     interface: str
     request: dict[str, Any]
-    columns: tuple[Array, ...]
+    columns: bytes
     times: Array
     applied: Array
     logged: NDArray[np.intp]
@@ -60,12 +60,12 @@ def plan(description: Description, experiment: Experiment) -> Plan:
     """The plan of a run; raises `Misfit` if an FMU with one step size cannot follow the command."""
     e, has = experiment, description.capabilities
     interface = interface_of(has, e.interface)
-    request: dict[str, Any] = {"interface": interface, "command": e.command.to_dict(), "stop": e.stop}
+    request: dict[str, Any] = {"interface": interface, "stop": e.stop}
     if interface == "model_exchange":
         times = grid(0.0, e.stop, e.step, e.command.breakpoints)
-        request |= {"tolerance": e.tolerance, "completed_steps": has.completed_steps}
+        request |= {"command": e.command.to_dict(), "tolerance": e.tolerance, "completed_steps": has.completed_steps}
         request |= {"states": len(description.states), "indicators": has.event_indicators, "points": len(times)}
-        return Plan(interface, request, (times,), times, _applied(e, times), np.arange(len(times)))
+        return Plan(interface, request, times.tobytes(), times, _applied(e, times), np.arange(len(times)))
     intermediate = description.major == 3 and has.intermediate_update and description.find(e.input).intermediate
     ramps = description.major == 2 and has.interpolates_inputs
     told, sizes = _steps(description, e, intermediate, ramps)
@@ -80,8 +80,10 @@ def plan(description: Description, experiment: Experiment) -> Plan:
         "copies": description.major == 2 and has.restores_steps,
         "divisible": not has.one_step,
     }
+    if request["intermediate"]:
+        request["command"] = e.command.to_dict()
     columns = (told.times, sizes, told.levels, *((told.slopes,) if moving else ()))
-    return Plan(interface, request, columns, told.times, _applied(e, told.times), told.logged)
+    return Plan(interface, request, b"".join(column.tobytes() for column in columns), told.times, _applied(e, told.times), told.logged)
 
 
 def _applied(e: Experiment, times: Array) -> Array:

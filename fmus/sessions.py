@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 import ctypes
-import mmap
 from array import array
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from fmus.accesses import Driven
 from fmus.errors import CallFailed
 from fmus.events import Steps
 from fmus.instances import Instance, Log
 from fmus.interfaces import Instance2, Instance3
+from fmus.rows import Progress
 
 MAX_MESSAGES = 1000
 MAX_TEXT = 2000
 
 Request = dict[str, Any]
-
-
-class Progress:
-    """Rows of float64 in a file that the parent created: int64 count of complete rows, then the rows."""
-
-    def __init__(self, path: str) -> None:
-        """Map the file."""
-        with open(path, "r+b") as file:
-            self._map = mmap.mmap(file.fileno(), 0)
-        self.count = ctypes.c_int64.from_buffer(self._map)
-        self.address = ctypes.addressof(self.count) + 8
 
 
 class Messages:
@@ -88,8 +78,13 @@ def prepare(instance: Instance, request: Request) -> None:
 
 def driver(instance: Instance, request: Request) -> Callable[[float], None]:
     """A fast function that sets the input that the command drives; if it is an array's element, its neighbours keep what they have."""
+    return instance.setter(driven(instance, request))
+
+
+def driven(instance: Instance, request: Request) -> Driven:
+    """The input that the command drives."""
     kind, reference, *element = request["input"]
-    return instance.setter(kind, reference, element, request["neighbours"])
+    return instance.driven(kind, reference, element, request["neighbours"])
 
 
 def failed(problem: CallFailed, progress: Progress, times: array[float]) -> Request:

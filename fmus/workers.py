@@ -7,7 +7,6 @@ the FMU. Every way to fail is a `RunStatus`; bad input (no such variable, no bin
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -22,13 +21,16 @@ from fmus.archives import Fmu, open_archive
 from fmus.assignments import assignments, typed
 from fmus.children import Answer, Child
 from fmus.confinement import Confinement
+from fmus.descriptions import Description
 from fmus.errors import FmuError, LinearizationError
 from fmus.plans import Misfit, Plan, plan
+from fmus.rows import Rows
 from fmus.settling import preceded, rest, trimmed
 from fmus.stepping import Experiment, LogLine, Outcome, RunStatus, Trajectory
 from fmus.variables import Value
 
 RECYCLE = 500  # runs after which a child is replaced, so that what an FMU leaks stays bounded; costs 0.1 ms a run
+PLANS = 4  # that are kept for the next run
 
 
 class Worker:
@@ -43,6 +45,7 @@ class Worker:
         self._confinement = confinement
         self._child: Child | None = None
         self._opened: dict[Path, tuple[tuple[int, int], Fmu]] = {}
+        self._plans: dict[object, tuple[Description, Plan]] = {}
 
     def run(self, experiment: Experiment, timeout: float) -> Outcome:
         """Simulate; `timeout` [s] of wall-clock time covers loading, initialisation and all steps.
@@ -57,23 +60,16 @@ class Worker:
             return trimmed(self.run(preceded(experiment), timeout), experiment)
         capabilities = fmu.description.capabilities
         try:
-            planned = plan(fmu.description, e)
+            planned = self._plan(fmu, e)
         except Misfit as problem:
             return Outcome(RunStatus.FAILED, f"{fmu.path.name}: {problem}", None, time.perf_counter() - began)
         request = _request(fmu, "run", planned.interface, e.input, e.outputs, e.parameters, e.initial_state, e.initial_input)
         request |= planned.request
         with self._ready(fmu) as child:
-            progress = child.folder / f"progress-{child.runs}"
-            width = len(experiment.outputs)
-            with progress.open("wb") as file:
-                file.truncate(8 + 8 * len(planned.times) * width)
-            request["progress"] = str(progress)
-            raw = b"".join(np.ascontiguousarray(c, dtype=float).tobytes() for c in planned.columns)
-            answer = child.ask(request, raw, timeout)
-            # A child that has lost its parent's pipe removes the folder itself: no file means no rows.
-            content = progress.read_bytes() if progress.exists() else bytes(8)
-            progress.unlink(missing_ok=True)
-            outcome = _outcome(answer, content, planned, e.outputs, time.perf_counter() - began)
+            child.rows.begin(len(planned.times), len(experiment.outputs))
+            request["progress"], request["loop"] = child.rows.path, child.loop
+            answer = child.ask(request, planned.columns, timeout)
+            outcome = _outcome(answer, child.rows, planned, e.outputs, time.perf_counter() - began)
             if not outcome.status.complete:
                 child.stop()
         if outcome.status is RunStatus.FAILED and capabilities.needs_execution_tool:
@@ -114,6 +110,17 @@ class Worker:
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
+    def _plan(self, fmu: Fmu, e: Experiment) -> Plan:
+        """The plan, which is the same for all runs of a campaign but their refinements."""
+        key = e.input, e.initial_input, e.command, e.stop, e.step, e.interface, e.tolerance
+        about, known = self._plans.pop(key, (None, None))
+        if known is None or about is not fmu.description:
+            known = plan(fmu.description, e)
+        self._plans[key] = fmu.description, known
+        if len(self._plans) > PLANS:
+            del self._plans[next(iter(self._plans))]
+        return known
+
     def _open(self, path: Path) -> Fmu:
         try:
             state = path.stat()
@@ -148,22 +155,23 @@ def simulate(experiment: Experiment, timeout: float = 60.0) -> Outcome:
         return worker.run(experiment, timeout)
 
 
-def _outcome(answer: Answer, content: bytes, planned: Plan, outputs: tuple[str, ...], seconds: float) -> Outcome:
+def _outcome(answer: Answer, rows: Rows, planned: Plan, outputs: tuple[str, ...], seconds: float) -> Outcome:
     times, width = planned.times, len(outputs)
-    count = min(max(int.from_bytes(content[:8], sys.byteorder, signed=True), 0), len(times))  # a wild FMU may have written over it
-    values = np.frombuffer(content, dtype=float, offset=8)[: count * width].reshape(count, width)
+    count, content = rows.content()
+    count = min(max(count, 0), len(times))  # a wild FMU may have written over it
+    values = np.frombuffer(content, dtype=float)[: count * width].reshape(count, width)
     status, detail = answer.status, answer.detail
     if status in (RunStatus.HUNG, RunStatus.MEMORY, RunStatus.CRASHED, RunStatus.EXITED):
         detail += f", after {times[count - 1]:.9g} s" if count else ", before the first point"
-    bad = np.argwhere(~np.isfinite(values))
-    if len(bad):
-        count, column = (int(i) for i in bad[0])
+    finite = np.isfinite(values)
+    if not finite.all():
+        count, column = (int(i) for i in np.argwhere(~finite)[0])
         status, detail = RunStatus.NOT_FINITE, f"{outputs[column]} is {values[count, column]} at {times[count]:.9g} s"
     messages = [LogLine(*m) for m in answer.messages]
     last = float(times[max(count - 1, 0)])
     messages += [LogLine(last, "output", line) for line in answer.printed.splitlines() if line.strip()]
-    kept, rows = tuple(messages), planned.logged[planned.logged < count]
-    trajectory = Trajectory(times[rows], planned.applied[rows], values[rows], kept) if count else None
+    kept, logged = tuple(messages), planned.logged[planned.logged < count]
+    trajectory = Trajectory(times[logged], planned.applied[logged], values[logged], kept) if count else None
     return Outcome(status, detail, trajectory, seconds, kept)
 
 

@@ -150,7 +150,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         upper = None if command is None else command.maneuver_time
         price = dual.price(problem)
         near = dual.maneuver_time if upper is None else upper
-        lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price))
+        lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.fuel))
         if upper is not None:
             lower = min(lower, upper)
         costate = np.array(dual.problem.modal(dual.costate), dtype=float)
@@ -230,8 +230,8 @@ def cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
 
 def _refined(start: programs.GridSolution) -> Extremal | Failure:
     problem = start.problem  # in the coordinates that the program chose
-    if problem.residuals is not None:
-        return Failure("a robust command is repaired on the grid, not refined")
+    if not problem.bang_bang:
+        return Failure("a command with further limits is repaired on the grid, not refined")
     return refine(problem, start.costate, start.maneuver_time, contacts(problem, start))
 
 
@@ -352,7 +352,8 @@ def _exponent(solution: programs.GridSolution) -> float:
     """`d log α/d log T`, which the costate knows; 0 where α is known to too few digits."""
     problem = solution.problem
     end = float(solution.costate @ problem.rows([solution.maneuver_time])[:, 0])
-    steepest = solution.maneuver_time * max(problem.upper * end, problem.lower * end)
+    dead = float(np.clip(end, -solution.fuel, solution.fuel))
+    steepest = solution.maneuver_time * max(problem.upper * (end - dead), problem.lower * (end - dead))
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0
 
 

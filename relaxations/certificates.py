@@ -61,6 +61,7 @@ def task(problem: Problem) -> dict[str, Any]:
         "rest": "output" if maneuver.tail else "state",
         "limits": {
             "input": [text(maneuver.limits.lower), text(maneuver.limits.upper)],
+            "fuel": None if maneuver.limits.fuel is None else text(maneuver.limits.fuel),
             "sample_time": None if maneuver.sample_time is None else text(maneuver.sample_time),
             "tail_length": length and {"time": text(length[0]), "within": text(length[1])},
             "zero_sensitivity": {
@@ -92,8 +93,11 @@ def _zeros(problem: Problem) -> dict[str, int]:
     return {name: count for name, count in robustness.items() if count}
 
 
-def costate_witness(problem: Problem, costate: Numbers, multipliers: Sequence[tuple[Number, Number, Number]] = ()) -> dict[str, Any]:
-    """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole; (instant, μ⁺, μ⁻) of the tail."""
+def costate_witness(
+    problem: Problem, costate: Numbers, multipliers: Sequence[tuple[Number, Number, Number]] = (), fuel: Number = Fraction(0)
+) -> dict[str, Any]:
+    """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole; (instant, μ⁺, μ⁻) of the tail; μ of
+    the fuel."""
     plants, at = [], 0
     for target in problem.sets:
         chains = []
@@ -109,7 +113,7 @@ def costate_witness(problem: Problem, costate: Numbers, multipliers: Sequence[tu
     written = [{"time": text(time), "upper": text(above), "lower": text(below)} for time, above, below in multipliers]
     residuals = problem.residuals
     if residuals is None:
-        return {"costate": plants, "tail": written, "samples": []}
+        return {"costate": plants, "tail": written, "samples": [], "fuel": text(fuel)}
     looks = np.array([float(time) for time, _, _ in multipliers])
     samples = []
     for k, (sample, since) in enumerate(zip(residuals.samples, residuals.split(looks), strict=True)):
@@ -117,7 +121,7 @@ def costate_witness(problem: Problem, costate: Numbers, multipliers: Sequence[tu
         contacts = [{**pair, "time": text(float(time))} for pair, time in zip(own, since, strict=True)]
         if contacts:
             samples.append({"place": [text(x) for x in sample.place], "residual": contacts})
-    return {"costate": plants or [[]], "tail": [], "samples": samples}
+    return {"costate": plants or [[]], "tail": [], "samples": samples, "fuel": text(fuel)}
 
 
 def tail_chains(problem: Problem, coefficients: Numbers) -> list[dict[str, Any]]:

@@ -4,7 +4,8 @@ For any λ and `p(s) = λᵀ b(s)`, a command that reaches the target in time T 
 
     λᵀ target ≤ ∫_0^T σ(p(s)) ds,     σ(p) = max(upper p, lower p).
 
-Where that is violated no admissible command is as short as T. Here the integral is a float; the theorem needs ball arithmetic.
+Where that is violated no admissible command is as short as T. A budget of fuel adds its `price` μ times the budget on the right, and then
+σ(p) = max(0, upper (p - μ)) + max(0, lower (p + μ)). Here the integral is a float; the theorem needs ball arithmetic.
 """
 
 from __future__ import annotations
@@ -34,15 +35,15 @@ def _samples(problem: Problem, horizon: float) -> Reals:
     return np.unique(np.concatenate(parts))
 
 
-def costate_roots(problem: Problem, costate: Reals, horizon: float) -> Reals:
-    """Times to go in (0, horizon) at which `p = λᵀ b` changes sign, ascending [s].
+def costate_roots(problem: Problem, costate: Reals, horizon: float, level: float = 0.0) -> Reals:
+    """Times to go in (0, horizon) at which `p = λᵀ b` crosses `level`, ascending [s].
 
     Two roots between neighbouring samples enclose an extremum of p, so the extrema on the near side of zero are samples too: a pair that is
     missed would make the lower bound too long.
     """
     grid = _samples(problem, horizon)
     table, change = problem.rows(grid), problem.derivative(costate)
-    values, slopes = costate @ table, change @ table
+    values, slopes = costate @ table - level, change @ table
     same = values[:-1] * values[1:] > 0
     turning = np.flatnonzero(same & (slopes[:-1] * values[:-1] < 0) & (slopes[1:] * values[1:] > 0))
     if len(turning):
@@ -54,27 +55,29 @@ def costate_roots(problem: Problem, costate: Reals, horizon: float) -> Reals:
     if len(turning):
         extrema = _roots(problem, change, grid[turning], grid[turning + 1])
         grid = np.insert(grid, turning + 1, extrema)
-        values = np.insert(values, turning + 1, costate @ problem.rows(extrema))
+        values = np.insert(values, turning + 1, costate @ problem.rows(extrema) - level)
     values[values == 0.0] = np.finfo(float).tiny  # a grid point that hits a root belongs to its right-hand neighbour's side
     inner = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0)
-    return _roots(problem, costate, grid[inner], grid[inner + 1])
+    return _roots(problem, costate, grid[inner], grid[inner + 1], level)
 
 
-def _roots(problem: Problem, costate: Reals, left: Reals, right: Reals) -> Reals:
-    """The root of `λᵀ b` in each bracket: Newton's method, which halves the bracket wherever it would leave it or hardly gains."""
+def _roots(problem: Problem, costate: Reals, left: Reals, right: Reals, level: float = 0.0) -> Reals:
+    """The root of `λᵀ b - level` in each bracket: Newton's method, which halves it wherever it would leave it or hardly gains."""
     if not len(left):
         return np.zeros(0)
-    change, rising = problem.derivative(costate), costate @ problem.rows(left) < 0
+    change, rising = problem.derivative(costate), costate @ problem.rows(left) < level
     low, high, x, last, eps = left, right, (left + right) / 2, 2 * (right - left), float(np.finfo(float).eps)
     for _ in range(MOST_STEPS):
         table = problem.rows(x)
-        value, slope = costate @ table, change @ table
+        value, slope = costate @ table - level, change @ table
         above = (value > 0) == rising
         low, high = np.where(above, low, x), np.where(above, x, high)
         step = np.divide(-value, slope, out=np.full_like(x, np.inf), where=slope != 0.0)
         inside = np.clip(x + step, low, high)
         good = (np.abs(inside - x - step) <= (high - low) / 16) & (np.abs(step) <= last / 2)  # a root may lie at the end of its bracket
-        found = (np.abs(value) <= 4 * eps * (np.abs(costate) @ np.abs(table))) | (last <= 2 * eps * x)  # what is left is rounding
+        found = (np.abs(value) <= 4 * eps * (np.abs(costate) @ np.abs(table) + abs(level))) | (
+            last <= 2 * eps * x
+        )  # what is left is rounding
         following = np.where(found, x, np.where(good, inside, (low + high) / 2))
         last, x = np.abs(following - x), following
         if np.all(found):
@@ -93,17 +96,27 @@ class Support:
     final: float  # σ(p(T)), the integrand where the horizon ends
 
 
-def support(problem: Problem, costate: Reals, horizon: float) -> Support:
-    """Evaluate `∫_0^horizon σ(p(s)) ds` through the antiderivative of b."""
-    roots = costate_roots(problem, costate, horizon)
+def support(problem: Problem, costate: Reals, horizon: float, price: float = 0.0) -> Support:
+    """Evaluate `∫_0^horizon σ(p(s)) ds` through the antiderivative of b; `price` is that of the fuel."""
+    if not price:
+        return _support(problem, costate, horizon, 0.0, problem.lower, problem.upper)
+    above = _support(problem, costate, horizon, price, 0.0, problem.upper)
+    below = _support(problem, costate, horizon, -price, problem.lower, 0.0)
+    roots = np.union1d(above.roots, below.roots)
+    return Support(horizon, roots, above.integral + below.integral, above.rounding + below.rounding, above.final + below.final)
+
+
+def _support(problem: Problem, costate: Reals, horizon: float, level: float, lower: float, upper: float) -> Support:
+    """The same of `max(upper (p - level), lower (p - level))`."""
+    roots = costate_roots(problem, costate, horizon, level)
     edges = np.concatenate([[0.0], roots, [horizon]])
     table = problem.rows(edges, 1)
-    pieces = costate @ np.diff(table, axis=1)
-    level = np.where(pieces > 0, problem.upper, problem.lower)
-    size = np.abs(costate) @ np.abs(table)
-    rounding = 8 * np.finfo(float).eps * float(np.sum(size) * max(abs(problem.lower), abs(problem.upper)))
-    end = float(costate @ problem.rows([horizon])[:, 0])
-    return Support(horizon, roots, float(level @ pieces), rounding, max(problem.upper * end, problem.lower * end))
+    pieces = costate @ np.diff(table, axis=1) - level * np.diff(edges)
+    chosen = np.where(pieces > 0, upper, lower)
+    size = np.abs(costate) @ np.abs(table) + abs(level) * edges
+    rounding = 8 * np.finfo(float).eps * float(np.sum(size) * max(abs(lower), abs(upper)))
+    end = float(costate @ problem.rows([horizon])[:, 0]) - level
+    return Support(horizon, roots, float(chosen @ pieces), rounding, max(upper * end, lower * end))
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +126,7 @@ class Costate:
     problem: Problem
     costate: Reals
     maneuver_time: float
+    fuel: float = 0.0
 
     @property
     def tail_multipliers(self) -> tuple[tuple[float, float, float], ...]:
@@ -125,20 +139,21 @@ class Costate:
         return 0.0
 
 
-def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.0) -> float:
+def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.0, fuel: float = 0.0) -> float:
     """The largest T_λ near `near` [s] at which (2) is violated beyond rounding, or 0: `λᵀ target - price = ∫_0^T σ(p)` by guarded Newton.
 
-    `price` is what the multipliers of the tail's limits add on the right of (2). With a sample time T_λ is a whole number of samples.
+    `price` is what the multipliers of all limits but the input's add on the right of (2), `fuel` the one of the fuel itself. With a
+    sample time T_λ is a whole number of samples.
     """
     wanted = float(costate @ problem.target) - price
     if wanted <= 0:
         return 0.0
     if problem.maneuver.sample_time is not None:
-        return _sampled(problem, costate, near, wanted)
+        return _sampled(problem, costate, near, wanted, fuel)
     low, high = 0.0, np.inf
     time, best = near, 0.0
     for _ in range(60):
-        value = support(problem, costate, time)
+        value = support(problem, costate, time, fuel)
         if value.integral + value.rounding < wanted:
             low, best = time, max(best, time)
             if wanted - value.integral <= 4 * value.rounding:
@@ -159,7 +174,7 @@ def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.
     return best
 
 
-def _sampled(problem: Problem, costate: Reals, near: float, wanted: float) -> float:
+def _sampled(problem: Problem, costate: Reals, near: float, wanted: float, fuel: float) -> float:
     """The least number of samples that is not refuted, in seconds: `∫σ(p)` is `Σ_k σ(∫_cell p)` for an input that is constant over cells.
 
     Commands of up to two samples more than `near` [s] are looked at.
@@ -169,6 +184,7 @@ def _sampled(problem: Problem, costate: Reals, near: float, wanted: float) -> fl
     edges = problem.samples(round(near / float(step)) + 2)
     table = problem.rows(edges, 1)
     pieces = costate @ np.diff(table, axis=1)
+    pieces -= np.clip(pieces, -fuel * np.diff(edges), fuel * np.diff(edges))
     total = np.cumsum(np.maximum(problem.upper * pieces, problem.lower * pieces))
     rounding = 8 * np.finfo(float).eps * np.cumsum(np.abs(costate) @ np.abs(table))[1:] * max(abs(problem.lower), abs(problem.upper))
     return float(edges[min(int(np.count_nonzero(total + rounding < wanted)) + 1, len(edges) - 1)])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import numpy as np
@@ -26,15 +26,16 @@ Reals = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Actuator limits `lower ≤ u(t) ≤ upper`, absolute, input units, exact."""
+    """Limits `lower ≤ u(t) ≤ upper`, absolute, input units, exact; and, where given, `∫_0^T |u - u_0| dt ≤ fuel` (input units · s)."""
 
     lower: Fraction
     upper: Fraction
+    fuel: Fraction | None = None
 
     @staticmethod
-    def of(lower: Exact, upper: Exact) -> Limits:
+    def of(lower: Exact, upper: Exact, fuel: Exact | None = None) -> Limits:
         """From numbers as written; raises `ManeuverError` if they are not ascending."""
-        limits = Limits(exact(lower), exact(upper))
+        limits = Limits(exact(lower), exact(upper), None if fuel is None else exact(fuel))
         if not limits.lower < limits.upper:
             raise ManeuverError(f"limits ascend: [{float(limits.lower)!r}, {float(limits.upper)!r}] leaves the input no room")
         return limits
@@ -87,9 +88,20 @@ class Problem:
     maneuver: Maneuver
     tail: TailSpace
     rest: float = 0.0
+    fuel: float | None = None
     residuals: Residuals | None = None
     notes: tuple[str, ...] = field(default=())
     frame: Frame | None = None
+
+    @property
+    def bang_bang(self) -> bool:
+        """Whether the input's limits alone shape the command: it is then on one of them nearly everywhere."""
+        return self.residuals is None and self.fuel is None
+
+    @property
+    def eased(self) -> Problem:
+        """The same without the limits that a bang-bang command may happen to respect."""
+        return replace(self, fuel=None)
 
     @property
     def size(self) -> int:
@@ -200,6 +212,14 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
                 f"the input at the {where} rest is {float(value)!r}, outside the limits [{float(low)!r}, {float(high)!r}]: "
                 "the plant could not stay at rest there"
             )
+    fuel = maneuver.limits.fuel
+    if fuel is not None and not fuel > 0:
+        raise ManeuverError(f"a fuel budget is more than 0, not {float(fuel)!r}")
+    if fuel is not None and hold != 0:
+        raise ManeuverError(
+            f"a fuel budget belongs to a plant that rests without input: this one is held at its target by {float(hold)!r}, "
+            "which would use fuel for ever"
+        )
     sets, residuals = tuple(target_set(plant, maneuver) for plant in plants), None
     if maneuver.box is not None:
         sets, residuals = _boxed(plants, maneuver, maneuver.box, float(holds.copy().pop()))
@@ -217,6 +237,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         maneuver,
         tail,
         float(maneuver.rest),
+        None if fuel is None else float(fuel),
         residuals,
         (*(note for plant in plants for note in plant.notes), *sampling),
     )

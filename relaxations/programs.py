@@ -7,7 +7,8 @@ At a fixed maneuver time the *reachable fraction* α of the target is maximised 
 over the impulse amplitudes A, that is, over the staircase u that they add up to (the solver's variables are the values u: with A as further
 variables, linked sparsely, 10⁵ intervals take twice as long), and over the coefficients c of the tail, whose limits are imposed at instants
 after the move and scale with α on both sides (unscaled, α would have a ceiling where the final rest input lies on a limit). The caps on
-single coefficients are further such rows, tangents of a disc where one is complex. The rows of Q are
+single coefficients are further such rows, tangents of a disc where one is complex. With a budget of fuel the levels are u⁺ - u⁻ of two
+parts that are not negative, and `Σ widths (u⁺ + u⁻) ≤ fuel`; like the input's limits that does not scale with α. The rows of Q are
 orthonormal, so that no scaling of poles, time or units is left in them, and the program is always feasible. Solver status is never
 evidence: what comes out is a candidate.
 """
@@ -85,7 +86,8 @@ class GridSolution:
     """What the solver found: fraction α, levels u (N,) in deviations, tail coefficients (n,), and the multipliers.
 
     `costate` λ (size,) belongs to the moment equations, `mu_above` and `mu_below` (k,) ≥ 0 to the tail's limits, `pull` (n,) to its caps:
-    `Sᵀλ + Eᵀ(μ⁺ - μ⁻)`, which is 0 without a cap. They are scaled to `λᵀ target - Σ μ⁺ above - Σ μ⁻ below - Σ |pull_k| cap_k = 1`.
+    `Sᵀλ + Eᵀ(μ⁺ - μ⁻)`, which is 0 without a cap, `fuel` ≥ 0 [1/input unit · s] to the budget. They are scaled to
+    `λᵀ target - Σ μ⁺ above - Σ μ⁻ below - Σ |pull_k| cap_k = 1`.
     """
 
     program: GridProgram
@@ -97,6 +99,7 @@ class GridSolution:
     mu_below: Reals
     pull: Reals
     status: str
+    fuel: float = 0.0
 
     @property
     def problem(self) -> Problem:
@@ -120,9 +123,8 @@ class GridSolution:
         return tuple((float(t), float(above), float(below)) for t, above, below in triples if above > 0.0 or below > 0.0)
 
     def price(self, problem: Problem) -> float:
-        """`Σ μ⁺ above + Σ μ⁻ below + Σ |pull_k| cap_k`: what the tail's limits take off the costate's target."""
-        del problem
-        return _price(self.program, self.mu_above, self.mu_below, self.pull)
+        """`Σ μ⁺ above + Σ μ⁻ below + Σ |pull_k| cap_k`, what the tail's limits take off the costate's target; and that of the fuel."""
+        return _price(self.program, self.mu_above, self.mu_below, self.pull) + self.fuel * (problem.fuel or 0.0)
 
     @property
     def residual(self) -> float:
@@ -230,7 +232,7 @@ def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | N
 
 
 @lru_cache(maxsize=16)
-def _compiled(size: int, cells: int, coefficients: int, looks: int) -> dict[str, Any]:
+def _compiled(size: int, cells: int, coefficients: int, looks: int, budget: bool) -> dict[str, Any]:
     """The parametrised cvxpy problem of one shape, compiled once (a re-solve then costs a tenth)."""
     import cvxpy as cp
 
@@ -239,7 +241,13 @@ def _compiled(size: int, cells: int, coefficients: int, looks: int) -> dict[str,
     named |= {"levels": cp.Variable(cells), "fraction": cp.Variable()}
     levels, fraction = named["levels"], named["fraction"]
     landed = fraction * named["target"]
-    limits = [levels >= named["lower"], levels <= named["upper"]]
+    if budget:
+        over, under = cp.Variable(cells, nonneg=True), cp.Variable(cells, nonneg=True)
+        named |= {"widths": cp.Parameter(cells), "fuel": cp.Parameter(), "levels": over - under}
+        levels, named["budget"] = named["levels"], named["widths"] @ (over + under) <= named["fuel"]
+        limits = [over <= named["upper"], under <= -named["lower"], named["budget"]]
+    else:
+        limits = [levels >= named["lower"], levels <= named["upper"]]
     if coefficients:
         named |= {"columns": cp.Parameter((size, coefficients)), "shapes": cp.Parameter((looks, coefficients))}
         named |= {"above": cp.Parameter(looks), "below": cp.Parameter(looks), "tail": cp.Variable(coefficients)}
@@ -257,8 +265,8 @@ def solve(program: GridProgram) -> GridSolution:
     import cvxpy as cp
     from cvxpy.error import SolverError as NotSolvedError
 
-    (looks, coefficients), cells = program.shapes.shape, program.rows.shape[1]
-    compiled = _compiled(*program.rows.shape, coefficients, looks if coefficients else 0)
+    (looks, coefficients), cells, fuel = program.shapes.shape, program.rows.shape[1], program.problem.fuel
+    compiled = _compiled(*program.rows.shape, coefficients, looks if coefficients else 0, fuel is not None)
     # Levels are measured in half the actuator's range, the target in its own length, a tail coefficient in what fills that range: every
     # number is then of order one.
     half = (program.upper - program.lower) / 2
@@ -272,6 +280,9 @@ def solve(program: GridProgram) -> GridSolution:
         unit = 1.0 / np.maximum(sizes, SMALL * sizes.max())
         values |= {"columns": program.columns * unit, "shapes": program.shapes * unit}
         values |= {"above": program.above / length, "below": program.below / length}
+    width = program.maneuver_time / cells
+    if fuel is not None:
+        values |= {"widths": np.diff(program.instants) / width, "fuel": fuel / (half * width)}
     for name, value in values.items():
         compiled[name].value = value
     with warnings.catch_warnings():
@@ -307,6 +318,7 @@ def solve(program: GridProgram) -> GridSolution:
         prices[1] / scale,
         pull / scale,
         status,
+        0.0 if fuel is None else max(float(compiled["budget"].dual_value), 0.0) / (width * scale),
     )
 
 

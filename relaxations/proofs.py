@@ -47,8 +47,8 @@ BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 FINER = (1, 4, 16, 64)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
 
-REGULAR, GOOD, ROBUST = 1e-12, 1e-7, 1e-4
-"""Gaps: what a regular optimum comes to, at which the search ends; and what ends it on the finer grids."""
+REGULAR, GOOD, LIMITED, ROBUST = 1e-12, 1e-7, 1e-6, 1e-4
+"""Gaps at which the search ends: what a regular optimum comes to; on the finer grids; with further limits, and with a box."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +85,8 @@ class Proof:
         return Proof(lower, above.upper, above.command, above.switches)
 
 
-def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
-    """Bracket the least maneuver time and prove both sides where that is possible.
+def minimum_time(problem: Problem, settings: Settings | None = None, near: float | None = None) -> Bound:
+    """Bracket the least maneuver time and prove both sides where that is possible; `near` is a guess at it [s].
 
     The result is `PROVED` if the checker has accepted a certificate for both sides, `IMPOSSIBLE` if it has accepted one that no time
     suffices, else `BRACKETED` with the reason; a certificate then holds the side that was proven, if any. Where the
@@ -94,9 +94,9 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
     """
     begun, chosen = time.perf_counter(), settings or Settings()
     if problem.residuals is not None:
-        problem, chosen = sampled(problem, chosen)
+        problem, chosen = sampled(problem, chosen, near)
     task = certificates.task(problem)
-    for form in ("face", "remainder") if _rests_on_a_limit(problem) else ():
+    for form in ("face", "remainder", "fuel") if problem.fuel is not None or _rests_on_a_limit(problem) else ():
         content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, None, None)
         if check(content).outcome is Outcome.PROVED:
             nothing = np.zeros(problem.size)
@@ -104,27 +104,39 @@ def minimum_time(problem: Problem, settings: Settings | None = None) -> Bound:
     proof, found, count, trouble = Proof(), None, 0, None
     gridded = problem.maneuver.sample_time is not None
     look = sampled_bracket if gridded else bracket
+    if not gridded and problem.eased.bang_bang and not problem.bang_bang and (first := _at_ease(problem, task, chosen)) is not None:
+        return replace(first, seconds=time.perf_counter() - begun)
     for factor in FINER:
         try:
-            looked = look(problem, chosen.finer(factor), found.upper if found else None)
+            looked = look(problem, chosen.finer(factor), found.upper if found else near)
         except SolverError as problem_met:
             trouble = problem_met
             continue
         count += looked.programs
         found = looked if found is None or (found.switches is None and looked.switches is not None) else found
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
-        if (
-            gridded
-            or proof.gap <= (REGULAR if problem.residuals is None else ROBUST)
-            or looked.upper is None
-            or (factor > 1 and proof.gap <= GOOD)
-        ):
+        enough = REGULAR if problem.bang_bang else LIMITED if problem.residuals is None else ROBUST
+        if gridded or proof.gap <= enough or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
             break
     if found is None:
         # Nothing is known then but that no time is less than 0.
         nothing, seconds = np.zeros(problem.size), time.perf_counter() - begun
         return Bound(Status.BRACKETED, 0.0, None, nothing, None, None, f"no bracket was found: {trouble}", count, seconds)
     return _concluded(task, proof, replace(found, programs=count), time.perf_counter() - begun)
+
+
+def _at_ease(problem: Problem, task: dict[str, Any], settings: Settings) -> Bound | None:
+    """The bound of the problem without its further limits, if its command respects them as it is; certified for the whole task."""
+    try:
+        found = bracket(problem.eased, settings)
+    except SolverError:
+        return None
+    if found.command is None or not isinstance(found.dual, Extremal):
+        return None
+    if problem.fuel is not None and found.command.fuel(problem.rest) > problem.fuel:
+        return None
+    proof = _prove(problem.eased, task, found, settings)
+    return _concluded(task, proof, found, 0.0) if proof.gap <= REGULAR else None
 
 
 def _rests_on_a_limit(problem: Problem) -> bool:
@@ -175,7 +187,7 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         return _instant(problem, task, found)
     proof, extremal = Proof(), None if problem.maneuver.sample_time is not None else found.dual
     problem = extremal.problem if extremal else problem
-    if isinstance(extremal, programs.GridSolution) and found.upper is not None and problem.residuals is None:
+    if isinstance(extremal, programs.GridSolution) and found.upper is not None and problem.bang_bang:
         # Where Newton's method in doubles failed, one in more digits may find its way from the grid.
         extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal))
     if isinstance(extremal, Extremal) and (polished := polish(problem, extremal)) is not None:
@@ -197,8 +209,8 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
 
 def _lower(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
-    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem))
-    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers)
+    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.fuel)
+    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.fuel)
     step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS]
     if step is not None:
         claims = [problem.on_grid(value) - k * step for k in (0, 1)]
@@ -224,8 +236,7 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
 
 def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: Bound) -> Side | None:
     """The upper side of an extremal in doubles."""
-    assert found.command is not None
-    starts = np.array([segment.start for segment in found.command.segments])
+    starts = np.concatenate([[0.0], extremal.maneuver_time - extremal.switches_to_go[::-1]])  # of the command some may have merged
     for witness in _witnesses(problem, extremal, extremal.maneuver_time, starts, found.tail):
         for margin in (1e-14, 1e-13, 1e-12):
             side = Side(Fraction(extremal.maneuver_time * (1.0 + margin)), witness)

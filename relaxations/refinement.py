@@ -45,6 +45,7 @@ class Extremal:
     residual: float  # relative residual of the moment equations
     iterations: int
     tail: TailStart = NO_TAIL
+    fuel: float = 0.0  # the multiplier of a budget
 
     def levels(self, problem: Problem) -> Reals:
         """Deviation of the input on each arc, in order of time to go."""

@@ -78,6 +78,8 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     reach = upper - lower
     levels = np.clip(solution.levels, lower, upper)
     levels = np.where(levels > upper - snap * reach, upper, np.where(levels < lower + snap * reach, lower, levels)) / solution.fraction
+    if problem.fuel is not None:  # where the fuel is not worth its price the input rests
+        levels = np.where(np.abs(levels) < snap * reach, 0.0, levels)
     for limit in (lower, upper):
         if limit == 0.0:
             levels = np.where(np.abs(levels) < ON_LIMIT * reach, 0.0, levels)

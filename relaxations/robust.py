@@ -27,15 +27,14 @@ ROUGH = 1e-5  # of α, while places are still sought
 TOLERANCE = 1e-7  # of α: closer to the root is closer than the grid
 
 
-def sampled(posed: Problem, settings: Settings) -> tuple[Problem, Settings]:
-    """The problem with as many samples as its box needs, and the settings for it."""
+def sampled(posed: Problem, settings: Settings, near: float | None = None) -> tuple[Problem, Settings]:
+    """The problem with as many samples as its box needs, and the settings for it; `near` is a guess at the minimum time [s]."""
     maneuver, chosen = posed.maneuver, replace(settings, tolerance=max(settings.tolerance, TOLERANCE))
     box = maneuver.box
     assert box is not None
     places = list(box.samples) or [box.nominal, *_grid(box, FIRST.get(len(box.axes), 2))]
     fine = _grid(box, FINE.get(len(box.axes), 7))
     looked = [Sample.of(place, box.family.member(place), posed.hold) for place in fine]
-    near: float | None = None
     for _ in range(ROUNDS):
         posed = problem(posed.plants, replace(maneuver, box=replace(box, samples=tuple(dict.fromkeys(places)))))
         try:

@@ -125,7 +125,7 @@ def _refuted(problem: Problem, dual: programs.GridSolution | Costate, step: floa
     """The least number of samples that a dual leaves, in seconds."""
     posed = replace(dual.problem, maneuver=problem.maneuver)
     near = dual.maneuver_time + 2 * step
-    return lower_bound(*extended(posed, dual.costate, dual.tail_multipliers), near, dual.price(posed))
+    return lower_bound(*extended(posed, dual.costate, dual.tail_multipliers), near, dual.price(posed), dual.fuel)
 
 
 def _landed(problem: Problem, solution: programs.GridSolution) -> Command:

@@ -109,6 +109,36 @@ def bound(studies: tuple[Path, ...], certificate: Path | None, as_json: bool) ->
 
 
 @main.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option("--displacements", required=True, metavar="LO:HI:N", help="N equally spaced displacements, both ends included.")
+@click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),
+              help="Write it for a controller: .h (C), .st (IEC 61131-3 Structured Text), .csv.")  # fmt: skip
+@click.option("--certificates", type=click.Path(path_type=Path), help="Write every row's proof into this folder.")
+@SANDBOX
+@AS_JSON
+@guarded
+def table(study: Path, displacements: str, exports: tuple[Path, ...], certificates: Path | None, as_json: bool) -> None:
+    """Bracket the minimum time of STUDY for many displacements, with proofs, and write the commands for a controller.
+
+    Exit code 0: every row is proved or bracketed; 1: one is impossible; 2: bad input.
+    """
+    from suite import console, table_files, tables
+    from suite.loading import load_study
+
+    table_files.known(exports)
+    asked = tables.displacements(displacements)
+    with console.progress("bracketing", len(asked)) as shown:
+        done = tables.tabulate(load_study(study), asked, certificates, shown.advance)
+    for path in exports:
+        table_files.export(done, path)
+    if as_json:
+        print_json(done.to_dict() | {"files": [str(path) for path in exports]})
+    else:
+        console.show_table(done, exports)
+    sys.exit(FAILED if done.impossible else 0)
+
+
+@main.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--study", type=click.Path(path_type=Path), help="Confirm that the certificates are about this study.")
 @AS_JSON

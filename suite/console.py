@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from decimal import ROUND_CEILING, ROUND_FLOOR
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -17,8 +17,8 @@ from rich.table import Table
 from suite.campaign import RunResult
 from suite.evidence import number
 from suite.inspecting import summary, terminal_lines, variable_rows
-from suite.rounding import outward
 from suite.shaper_text import shaper_lines, study_lines
+from suite.table_text import BRACKET, bracket_cells, table_cells
 from suite.verification import Progress, Verification
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from suite.review import Review
     from suite.shaping import Shaping
     from suite.simulation import Simulated
+    from suite.tables import Table as DisplacementTable
 
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
 MOST_VARIABLES = 100  # rows of a table on a terminal; FMUs have up to 100,000
@@ -160,20 +161,30 @@ def show_collection(table: Sequence[Bracketed]) -> None:
     """One row a study: poles, zeros, switches, both sides, relative gap, status, milliseconds."""
     console = _out()
     shown = Table()
-    for heading in ("study", "poles", "zeros", "switches", "lower [s]", "upper [s]", "gap", "status", "ms"):
+    for heading in ("study", "poles", "zeros", *BRACKET):
         shown.add_column(escape(heading), justify="left" if heading in ("study", "status") else "right")
     for done in table:
-        bound, plant = done.design.bound, done.design.plant
+        plant = done.design.plant
         zeros = sum(zero.multiplicity * (2 if zero.is_flexible else 1) for zero in plant.zeros)
-        sides = ("–", "–") if done.impossible else (outward(bound.lower, ROUND_FLOOR), outward(bound.upper, ROUND_CEILING))
-        gap = "–" if done.impossible or bound.gap is None else f"{bound.gap:.1e}"
-        switches = "–" if bound.switches is None else str(bound.switches)
-        ends = (gap, bound.status.name.lower(), f"{1000 * bound.seconds:.0f}")
-        row = (done.study.file.stem, str(plant.order), str(zeros), switches, *sides, *ends)
+        row = (done.study.file.stem, str(plant.order), str(zeros), *bracket_cells(done.design.bound))
         shown.add_row(*map(escape, row))
     console.print(shown)
     proved = sum(done.design.bound.status.name != "BRACKETED" for done in table)
     console.print(f"{len(table)} studies, {proved} proven")
+
+
+def show_table(done: DisplacementTable, exports: Sequence[Path]) -> None:
+    """One row a displacement, and what was written."""
+    console, shown = _out(), Table()
+    headings, rows = table_cells(done)
+    for heading in headings:
+        shown.add_column(escape(heading), justify="left" if heading == "status" else "right")
+    for row in rows:
+        shown.add_row(*map(escape, row))
+    console.print(shown)
+    console.print(f"{len(rows)} displacements, {done.proven} proven on both sides, {done.seconds:.1f} s")
+    for path in exports:
+        console.print(f"written: {escape(str(path))}", soft_wrap=True)
 
 
 def _show_bracket(console: Console, bound: Mapping[str, Any]) -> None:

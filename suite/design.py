@@ -74,10 +74,10 @@ class Design:
 
 def pose(study: Study, plant: LinearPlant) -> Problem:
     """The equations and limits that the study asks of `plant`; raises `StudyError` if the maneuver is refused."""
-    length, robust = study.limits.tail_length, study.command.robustness
+    limits, length, robust = study.limits, study.limits.tail_length, study.command.robustness
     maneuver = Maneuver(
         Fraction(study.maneuver.displacement),
-        Limits(Fraction(study.limits.lower), Fraction(study.limits.upper)),
+        Limits(Fraction(limits.lower), Fraction(limits.upper), None if limits.fuel is None else Fraction(limits.fuel)),
         Fraction(study.plant.initial_input),
         0 if robust == "box" else robust,
         study.command.tail,

@@ -127,15 +127,16 @@ class Maneuver:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """`lower ≤ u(t) ≤ upper`, absolute, input units; of a tail also (seconds after the move, fraction of the nearer limit's distance), and
-    (shift as a fraction of its magnitude, residual as a fraction of the displacement) for zeros that may be elsewhere, by name. With a
-    `sample_time` [s] the input is constant over each sample."""
+    """`lower ≤ u(t) ≤ upper`, absolute, input units; `∫_0^T |u - u_0| dt ≤ fuel` (input units · s); of a tail also (seconds after
+    the move, fraction of the nearer limit's distance), and (shift as a fraction of its magnitude, residual as a fraction of the
+    displacement) for zeros that may be elsewhere, by name. With a `sample_time` [s] the input is constant over each sample."""
 
     lower: Decimal
     upper: Decimal
     tail_length: tuple[Decimal, Decimal] | None = None
     zero_sensitivity: Mapping[str, tuple[Decimal, Decimal]] = field(default_factory=dict)
     sample_time: Decimal | None = None
+    fuel: Decimal | None = None
 
 
 @dataclass(frozen=True, slots=True)

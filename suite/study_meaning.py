@@ -53,9 +53,9 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
     uncertainties = tuple(_uncertainty(item, i, names, mistakes) for i, item in _items(written.uncertainty))
     command = _command(written.command, file.parent, mistakes) if written.command else None
     if command is not None and command.given is not None and written.command is not None and written.limits is not None:
-        _within(command.given, written.command.file, written.limits, mistakes)
+        _within(command.given, written.command.file, written.limits, plant, mistakes)
     if plant is not None and written.maneuver is not None and written.limits is not None:
-        _task(plant, written.maneuver.displacement, written.limits.input, mistakes)
+        _task(plant, written.maneuver.displacement, written.limits, mistakes)
         _box(plant, [(i, axis) for i, axis in enumerate(uncertainties, 1) if axis is not None], mistakes)
     # A value whose unit is wrong is still text, which is refused once more where a number is wanted.
     spoilt = [mistake.path for mistake in unit_mistakes]
@@ -71,7 +71,11 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
         plant=plant,
         maneuver=Maneuver(written.maneuver.displacement),
         limits=Limits(
-            *written.limits.input, None if length is None else (length.time, length.within), sensitivity, written.limits.sample_time
+            *written.limits.input,
+            None if length is None else (length.time, length.within),
+            sensitivity,
+            written.limits.sample_time,
+            written.limits.fuel,
         ),
         command=command,
         simulation=_simulation(written.simulation),
@@ -100,9 +104,9 @@ def _in_order(mistakes: list[Mistake]) -> list[Mistake]:
     return sorted(unique.values(), key=rank)
 
 
-def _task(plant: Plant, displacement: Decimal, limits: tuple[Decimal, Decimal], mistakes: list[Mistake]) -> None:
+def _task(plant: Plant, displacement: Decimal, limits: schema.Limits, mistakes: list[Mistake]) -> None:
     """The limits contain the input at both rests, and the plant is one that can rest."""
-    lower, upper = limits
+    lower, upper = limits.input
     rest = plant.initial_input
     if not lower <= rest <= upper:
         mistakes.append(Mistake("limits.input", [lower, upper], f"must contain the input at the initial rest, {rest}"))
@@ -113,6 +117,10 @@ def _task(plant: Plant, displacement: Decimal, limits: tuple[Decimal, Decimal], 
     except PlantError as problem:
         mistakes.append(Mistake("plant", ABSENT, str(problem)))
         return
+    if final != rest and limits.fuel is not None:
+        hold = float(final - Fraction(rest))
+        why = f"belongs to a plant that rests without input; holding this one at its target takes {hold:.10g} for ever"
+        mistakes.append(Mistake("limits.fuel", limits.fuel, why))
     if final != rest and not lower <= final <= upper:
         mistakes.append(
             Mistake("limits.input", [lower, upper], f"must contain the input that holds the plant at its final rest, {float(final):.10g}")
@@ -147,9 +155,13 @@ def _command(written: schema.Command, folder: Path, mistakes: list[Mistake]) -> 
     return CommandRequest("time-optimal", written.robustness or 0, bool(written.tail), tolerance, start)
 
 
-def _within(command: Command, file: str | None, limits: schema.Limits, mistakes: list[Mistake]) -> None:
+def _within(command: Command, file: str | None, limits: schema.Limits, plant: Plant | None, mistakes: list[Mistake]) -> None:
     """A command that was given respects the limits too, up to the rounding of its own numbers."""
     lower, upper = map(float, limits.input)
+    if limits.fuel is not None and plant is not None:
+        fuel = command.fuel(float(plant.initial_input))
+        if fuel > float(limits.fuel) * (1.0 + ROUNDING):
+            mistakes.append(Mistake("command.file", file, f"the command uses {fuel:.10g} of fuel, more than limits.fuel, {limits.fuel}"))
     if limits.sample_time is not None:
         step = float(limits.sample_time)
         off = [at for at in command.breakpoints if abs(at - round(at / step) * step) > ROUNDING * step]

@@ -21,7 +21,6 @@ UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     # Path: for which values it is refused, and what is possible instead. A key leaves this table when this version honours it.
     "maneuver.initial_state": (_given, "a plant starts at rest"),
     "maneuver.scale": (_given, "|displacement| is the scale"),
-    "limits.fuel": (_given, "limits.input alone limits the command; a requirement on fuel measures it"),
     "limits.rate": (_given, "limits.input alone limits the command; a requirement on peak_rate measures it"),
     "limits.deflection": (_given, "limits.input alone limits the command; a requirement on peak(NAME) measures it"),
     "limits.pulse_width": (_given, "limits.input alone limits the command"),

@@ -26,7 +26,7 @@ HELD = (
     Known("double_real", transfer([1], [1, 4, 4]), "0.2", None, "", robustness={"real[1]": 1}),
     Known("held_robust", transfer([1], [1, "0.2", 1]), "0.5", None, "", robustness=1),
 )
-BY_NAME = {known.name: known for known in (*KNOWN, *HELD)}
+BY_NAME = {known.name: known for known in (*KNOWN, *HELD, Known("fuel", transfer([1], [1, 0, 2, 0, 0]), "5", None, "", fuel="4"))}
 RECORDED = Path(__file__).with_name("recorded")
 """Certificates that were made before the checker was changed on purpose (mutants.py); otherwise this folder does not exist."""
 
@@ -107,7 +107,7 @@ def written(value: Fraction) -> str:
 def task(numerator: list[str], denominator: list[str], displacement: str = "1", **others: Any) -> dict[str, Any]:
     """A task as a certificate writes it; state rest and |u| ≤ 1 unless said otherwise."""
     limits = {"input": list(others.pop("limits", ("-1", "1")))}
-    limits |= {"sample_time": others.pop("sample_time", None)}
+    limits |= {name: others.pop(name, None) for name in ("fuel", "sample_time")}
     limits |= {"tail_length": others.pop("tail_length", None), "zero_sensitivity": others.pop("zero_sensitivity", {})}
     plant = {"numerator": numerator, "denominator": denominator, "zeros": others.pop("zeros", {})}
     return {"plants": [plant], "box": None, "displacement": displacement, "rest": "state", "limits": limits, "initial_input": "0", **others}
@@ -121,10 +121,10 @@ def certificate(
     return forged({"format": "slewcert-certificate/1", "task": of, "claim": claim, "lower": witnesses[0], "upper": witnesses[1]})
 
 
-def costate(*chains: tuple[tuple[str, str], list[tuple[str, str]]], tail: Any = ()) -> dict[str, Any]:
+def costate(*chains: tuple[tuple[str, str], list[tuple[str, str]]], tail: Any = (), fuel: str = "0") -> dict[str, Any]:
     """A lower side's witness."""
     written_chains = [{"near": list(near), "coefficients": [list(c) for c in coefficients]} for near, coefficients in chains]
-    return {"costate": [written_chains], "tail": list(tail), "samples": []}
+    return {"costate": [written_chains], "tail": list(tail), "samples": [], "fuel": fuel}
 
 
 def command(time: str, segments: list[tuple[str, str]], free: list[list[Any]], radius: str = "1/1000000", tail: Any = ()) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Maneuvers with known answers: every method meets every one of them, and the command line shows them.
 
 Each knows its minimum time to the digits that were computed independently (Newton's method in 25 and more digits on the switch times, or a
-closed form), and where it comes from. State rest throughout: no tails, no fuel.
+closed form), and where it comes from. State rest throughout: no tails.
 """
 
 from __future__ import annotations
@@ -36,11 +36,12 @@ class Known:
     rest: Exact = 0
     robustness: int | Mapping[str, int] = 0
     switches: tuple[float, ...] = field(default=())
+    fuel: Exact | None = None
     error: float = 5e-11
 
     @property
     def maneuver(self) -> Maneuver:
-        return Maneuver(exact(self.displacement), Limits.of(*self.limits), exact(self.rest), self.robustness)
+        return Maneuver(exact(self.displacement), Limits.of(*self.limits, self.fuel), exact(self.rest), self.robustness)
 
     def problem(self) -> Problem:
         return problem([self.plant()], self.maneuver)

@@ -25,8 +25,9 @@ FILES = collect([PROBLEMS])
 SLEWCERT = Path(sys.executable).with_name("slewcert")
 
 GAP = 1e-12  # relative; a regular optimum is claimed a double below and a double above its duration
-STAIRCASES = {"two_mass_one_switch": 1e-8, "two_mass_sampled": 0.0, "rigid_body_sampled": 0.0}
-"""Degenerate optima: the upper side is a repaired staircase, 1e-9 beyond the minimum time or ten times that; samples are exact."""
+STAIRCASES = {"two_mass_one_switch": 1e-8, "two_mass_sampled": 0.0, "rigid_body_sampled": 0.0, "two_mass_fuel": 1e-6}
+"""Degenerate optima: the upper side is a repaired staircase, 1e-9 beyond the minimum time or ten times that; samples are exact.
+With further limits both sides are those of a grid."""
 
 FACTS = {
     # Known independently of this project: Newton's method in 25 to 30 digits on the switch times (as text, with the digits that are sure) …
@@ -41,6 +42,7 @@ FACTS = {
     "chain_08": "19.7430923674",
     "chain_11": "27.0783724616",
     "chain_12": "28.4927336597",
+    "two_mass_fuel": "8.1107317945",
     "two_mass_sampled": "6.75",
     "rigid_body_sampled": 2.0,
     "pitch_state": "13.37",
@@ -61,7 +63,7 @@ FACTS = {
     "real_zeros_state": acos(1 / 8) / sqrt(2),
     "complex_zeros_at_once": 0.0,
 }
-IMPOSSIBLE = {"impossible_cannot_pull", "impossible_rest_on_limit"}
+IMPOSSIBLE = {"impossible_cannot_pull", "impossible_fuel", "impossible_rest_on_limit"}
 
 
 @pytest.fixture(scope="module")

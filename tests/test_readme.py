@@ -179,7 +179,6 @@ def test_the_requirement_of_the_example_can_be_written():
 
 def test_what_is_not_there_yet_is_named():
     words = {
-        "limits.fuel": "fuel",
         "limits.rate": "rate",
         "limits.deflection": "deflection",
         "limits.pulse_width": "shortest pulses",

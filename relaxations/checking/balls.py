@@ -201,6 +201,7 @@ def system(task: Any) -> System:
     rest = fmpq(0) if rigid else ratio
     lower, upper = (limit - task.initial_input for limit in task.limits.input)
     require(lower <= min(0, rest) and max(0, rest) <= upper, "the limits exclude the input at a rest")
+    require(task.limits.fuel is None or not rest, "a budget of fuel belongs to a plant that rests without input")
 
     def target(root: Root) -> list[acb]:
         if root.value.is_zero():
@@ -235,6 +236,12 @@ class Wave:
     def __call__(self, s: arb) -> list[arb]:
         """Its value and derivatives at s; over a ball of s balls around all their values there."""
         return [x.real for x in (self.rows * acb_mat([[x] for root in self.roots for x in root.impulse(s)])).entries()]
+
+    def raised(self, level: arb) -> Wave:
+        """The wave plus a constant; there is a root at the origin."""
+        rows, origin = self.rows.tolist(), next(i for i, root in enumerate(self.roots) if root.value.is_zero())
+        rows[0][sum(root.multiplicity for root in self.roots[:origin])] += level
+        return Wave(self.roots, acb_mat(rows))
 
     def integral(self, s: arb) -> arb:
         """From 0 to s."""

@@ -111,6 +111,8 @@ def claim(found: Check) -> str:
     rest, (low, high), tail = REST[task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
     lines.append(f"Task: from rest at input {task['initial_input']} move the output by {task['displacement']}; {rest}.")
     lines.append(f"Limits: {low} ≤ u(t) ≤ {high} for all t ≥ 0.")
+    if fuel := task["limits"]["fuel"]:
+        lines.append(f"  The fuel ∫|u(t) - {task['initial_input']}| dt of the move, from 0 to T, is at most {fuel}.")
     lines += boxes.promises(task)
     who = "no measurable command within the limits"
     if step := task["limits"]["sample_time"]:

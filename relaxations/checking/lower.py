@@ -8,6 +8,9 @@ asks for ∫_0^T e^{as} u ds + ∫_0^∞ e^{-ar} v dr = m:
 
 face       if u may leave 0 to one side only, and m is 0 or on the other side, then u is 0 almost everywhere: nothing moves.
 remainder  if a is stable and u_ss is a limit, then m = u_ss ∫_0^∞ e^{as} ds, v is on one side of 0, and the left side is never that large.
+
+A budget of fuel adds μ fuel on the right, μ ≥ 0, and σ(p) = max(0, upper (p - μ)) + max(0, lower (p + μ)), both parts of the kind above. It
+may make a task impossible too: where the pole is 0, and there is no tail, m = ∫_0^T u ds is at most the fuel.
 """
 
 from __future__ import annotations
@@ -29,9 +32,10 @@ def impossible(system: System, criterion: str) -> None:
     """Prove that no admissible command reaches the target in any time, or raise `Undecided`."""
     begins = accumulate((root.size for root in system.roots), initial=0)
     poles = [(root.value.real, system.target[i, 0]) for root, i in zip(system.roots, begins, strict=False) if not root.flexible]
-    right = [(a, m) for a, m in poles if all(zero.value.real < a for zero in system.zeros)]
+    fuel, right = system.task.limits.fuel, [(a, m) for a, m in poles if all(zero.value.real < a for zero in system.zeros)]
     met = {
         "face": any((m <= 0 and system.lower == 0) or (m >= 0 and system.upper == 0) for _, m in right),
+        "fuel": fuel is not None and not system.zeros and any(a.is_zero() and abs(m) > fuel for a, m in poles),
         "remainder": system.rest != 0 and system.rest in (system.lower, system.upper) and any(a < 0 for a, _ in right),
     }
     if not met[criterion]:
@@ -94,6 +98,15 @@ def support(p: Wave, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
     return total + weights[sign] * p.integral(horizon)
 
 
+Part = tuple[Wave, arb, arb]  # p, lower, upper
+
+
+def parts(system: System, p: Wave, fuel: fmpq) -> list[Part]:
+    """σ(p) with the multiplier of the fuel as a sum of terms `max(lower p, upper p)`."""
+    lower, upper = arb(system.lower), arb(system.upper)
+    return [(p, lower, upper)] if fuel == 0 else [(p.raised(-arb(fuel)), arb(0), upper), (p.raised(arb(fuel)), lower, arb(0))]
+
+
 def sampled(p: Wave, count: int, step: fmpq, lower: arb, upper: arb) -> arb:
     """A ball around `Σ_k max(upper ∫_cell p, lower ∫_cell p)` over cells of `step`: the most that inputs can do, constant on each."""
     total = before = arb(0)
@@ -112,6 +125,7 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     require(bool(system.zeros) or not witness.tail, "multipliers of a tail that the task does not have")
     numbers, price = costate(system, witness)
     roots, others, relief = boxes.relaxed(system, witness.samples)
+    price += arb(witness.fuel * (system.task.limits.fuel or 0))
     gain = sum((a * b for a, b in zip(numbers.entries(), system.target.entries(), strict=True)), relief - price)
     if gain <= 0:
         raise Refuted("the lower bound's inequality (2) is false for this costate, whatever the time")
@@ -119,18 +133,23 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         raise Undecided("the lower bound's inequality (2) is undecided at this precision")
     p, end = Wave.of((*system.roots, *roots), [*numbers.entries(), *others]), arb(time)
     fine = (gain / end * arb(2) ** (-flint.ctx.prec // 2)).lower()
-    limits = arb(system.lower), arb(system.upper)
+    terms = parts(system, p, witness.fuel)
     if step := system.task.limits.sample_time:
         count = int((time / step).ceil()) - 1
         # Many short samples can do no more than a measurable input can in their time.
-        least = sampled(p, count, step, *limits) if count <= MOST_CELLS else support(p, arb(count * step).upper(), *limits, fine)
+        short = count <= MOST_CELLS
+        each = (
+            sampled(q, count, step, low, high) if short else support(q, arb(count * step).upper(), low, high, fine)
+            for q, low, high in terms
+        )
+        least = sum(each, arb(0))
         if least < gain:
             return
         if least > gain and count <= MOST_CELLS:
             raise Refuted("the lower bound's inequality (2) is false for this costate at the time that is claimed")
         raise Undecided("the lower bound's inequality (2) is undecided at this precision")
-    if support(p, end.upper(), *limits, fine) < gain:
+    if sum((support(q, end.upper(), low, high, fine) for q, low, high in terms), arb(0)) < gain:
         return
-    if support(p, end.lower(), *limits, fine) > gain:
+    if sum((support(q, end.lower(), low, high, fine) for q, low, high in terms), arb(0)) > gain:
         raise Refuted("the lower bound's inequality (2) is false for this costate at the time that is claimed")
     raise Undecided("the lower bound's inequality (2) is undecided at this precision")

@@ -87,13 +87,14 @@ PAIR = (real, real)
 POLYNOMIAL: list[Any] = [real, 1, MOST_POLES + 1]  # the highest power of s first
 PLANT = {"numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "zeros": counts}
 LENGTH = {"time": real, "within": real}  # seconds after the move, and a fraction
-# The input's limits are absolute; with a sample time h the input is constant on each [kh, (k+1)h)
+# The input's limits are absolute; fuel is what the move may use; with a sample time h the input is constant on each [kh, (k+1)h)
 LIMITS = {
     "input": PAIR,
+    "fuel": (None, real),
     "sample_time": (None, real),
     "tail_length": (None, LENGTH),
     "zero_sensitivity": sensitivities,
-}  # the input's are absolute
+}
 # Plants whose coefficients are polynomials in parameters: sums of terms, a number and the power of each parameter. Every plant of the box,
 # the one written (nominal values) among them, may keep a residual of `tolerance` times the displacement.
 TERMS: list[Any] = [(real, [natural, 1, 8]), 0, 1000]
@@ -112,15 +113,16 @@ TASK = {
 CHAINS: list[Any] = [{"near": PAIR, "coefficients": [PAIR, 0, MOST_POLES]}, 0, MOST_POLES]
 # a costate for each plant, and the multipliers μ⁺ and μ⁻ of the tail's limits so many seconds after the move
 CONTACTS: list[Any] = [{"time": real, "upper": real, "lower": real}, 0, MOST_CONTACTS]
-# … and of the residuals of plants at places in the box
-LOWER = {"costate": [CHAINS, 1, 1], "tail": CONTACTS, "samples": [{"place": [real, 1, 8], "residual": CONTACTS}, 0, 1000]}
+# … and of the residuals of plants at places in the box, and the one of the fuel
+SAMPLES: list[Any] = [{"place": [real, 1, 8], "residual": CONTACTS}, 0, 1000]
+LOWER = {"costate": [CHAINS, 1, 1], "tail": CONTACTS, "samples": SAMPLES, "fuel": real}
 # A command near an exact solution: absolute levels from their starts on, then a tail. `free` names its unknowns, each within `radius` of
 # what is written: ["time", 0, 0], ["start" or "level", i, 0] of segment i, ["re" or "im", i, k] of coefficient k of the tail's chain i.
 SEGMENTS = [{"start": real, "level": real}, 0, MOST_SEGMENTS]
 FREE = [({"time", "start", "level", "re", "im"}, natural, natural), 0, 2 * MOST_POLES]
 UPPER = {"maneuver_time": real, "segments": SEGMENTS, "tail": CHAINS, "free": FREE, "radius": real}
 # sides of the least maneuver time [s] (null: not claimed), or the criterion by which the task is impossible
-CLAIM = {"lower": (None, real), "upper": (None, real), "impossible": (None, {"face", "remainder"})}
+CLAIM = {"lower": (None, real), "upper": (None, real), "impossible": (None, {"face", "remainder", "fuel"})}
 SCHEMA = {"format": {"slewcert-certificate/1"}, "task": TASK, "claim": CLAIM, "lower": (None, LOWER), "upper": (None, UPPER)}
 
 
@@ -168,6 +170,9 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
         "times and multipliers of the tail are not negative, nor those of samples",
     )
     require(task.box is not None or not lower or not lower.samples, "samples of a box that the task does not have")
+    require(task.limits.fuel is None or task.limits.fuel > 0, "a budget of fuel is more than 0")
+    fine = not lower or lower.fuel == 0 or (task.limits.fuel is not None and lower.fuel > 0)
+    require(fine, "the multiplier of the fuel is not negative, and belongs to a budget")
     if upper:
         begins = upper.segments[0].start == 0 < upper.maneuver_time if upper.segments else upper.maneuver_time == 0
         require(begins and upper.radius > 0, "a move with segments begins at 0 and lasts longer than 0, and the radius is positive")

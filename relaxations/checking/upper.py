@@ -174,6 +174,10 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     for i, level in enumerate(command[n + 1 : 2 * n + 1]):
         at_most(system.lower, level, f"level {i} is above its limit")
         at_most(level, system.upper, f"level {i} is below its limit")
+    if system.task.limits.fuel is not None:
+        instants = [*command[1 : n + 1], command[0]]
+        burnt = (abs(arb(level)) * arb(b - a) for level, (a, b) in zip(command[n + 1 : 2 * n + 1], pairwise(instants), strict=True))
+        at_most(sum(burnt, arb(0)), system.task.limits.fuel, "the move uses no more fuel than there is")
     tail_limits(system, n, command)
     for places, cap in system.capped:
         at_most(abs(acb(*(arb(command[2 * n + 1 + place]) for place in places))), cap, "the tail is insensitive to a zero's place")

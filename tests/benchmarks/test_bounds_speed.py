@@ -131,3 +131,18 @@ def test_check_as_a_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     with capsys.disabled():
         print(f"\ncheck of 12 poles: {1e3 * inside:.0f} ms in process, {1e3 * whole:.0f} ms as a whole process;", end="")
         print(f" --help takes {aid / bare:.1f} times python -c pass ({1e3 * aid:.0f} and {1e3 * bare:.0f} ms)")
+
+
+def test_a_table_of_a_hundred_displacements(tmp_path: Path) -> None:
+    """Figures of `slewcert table`: the two-mass spring, and a sampled one; a hundred rows are to take a minute at most."""
+    from suite.loading import load_study
+    from suite.tables import displacements, tabulate
+
+    problems = Path(__file__).parents[2] / "suite" / "problems"
+    for name, asked in (("two_mass_5", "0.1:10:100"), ("two_mass_sampled", "0.1:10:100"), ("chain_06", "0.1:10:100")):
+        begun = time.perf_counter()
+        table = tabulate(load_study(problems / f"{name}.toml"), displacements(asked))
+        taken = time.perf_counter() - begun
+        gap = max(row.bound.gap or 0.0 for row in table.rows)
+        print(f"{name}: {len(table.rows)} displacements in {taken:.1f} s, {table.proven} proven, largest gap {gap:.1e}")
+        assert table.proven == len(table.rows)

@@ -1,0 +1,153 @@
+"""`slewcert table`: the proven command of many displacements, for controllers that cannot solve a linear program.
+
+A command that moves the plant by Δ, its deviation from rest scaled by s in [0, 1], moves it by s Δ in the same time within the same limits:
+so a table serves every displacement up to its largest, and what is lost between two rows is the difference of their times.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from decimal import Decimal, InvalidOperation
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from relaxations.bounds import Bound, Status
+from relaxations.errors import ManeuverError
+from relaxations.maneuvers import Problem, problem
+from relaxations.proofs import minimum_time
+from reports.files import write_atomically
+from suite.design import pose
+from suite.errors import Mistake, StudyError, SuiteError
+from suite.plants import nominal_plant
+from suite.study import Study
+
+MOST_ROWS = 10_000
+RANGE = re.compile(r"([^:]+):([^:]+):(\d+)")
+
+
+class TableError(SuiteError):
+    """The displacements or the files that are asked for make no sense."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One displacement (output units, exact), its bracket with the command, and the file that its proof was written to."""
+
+    displacement: Fraction
+    bound: Bound
+    certificate: Path | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """A row of `table --json`."""
+        bound = self.bound
+        impossible = bound.status is Status.IMPOSSIBLE
+        record = {
+            "displacement": float(self.displacement),
+            "status": bound.status.name.lower(),
+            "maneuver_time": None if impossible else {"lower": bound.lower, "upper": bound.upper},
+            "switches": bound.switches,
+            "certificate": None if self.certificate is None else str(self.certificate),
+        }
+        return record if bound.reason is None else {**record, "reason": bound.reason}
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """The rows by ascending displacement; `rest` is the input at the initial rest, `mirrored` says that a command may be turned around."""
+
+    study: Study
+    rows: tuple[Row, ...]
+    rest: float
+    mirrored: bool
+    seconds: float
+
+    @property
+    def impossible(self) -> bool:
+        """Whether there is a displacement that no command does."""
+        return any(row.bound.status is Status.IMPOSSIBLE for row in self.rows)
+
+    @property
+    def proven(self) -> int:
+        """How many rows are proven on both sides."""
+        return sum(row.bound.status is Status.PROVED for row in self.rows)
+
+    @property
+    def usable(self) -> tuple[Row, ...]:
+        """The rows that have a command."""
+        return tuple(row for row in self.rows if row.bound.command is not None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The object of `table --json` (docs/schemas.md)."""
+        return {"study": str(self.study.file), "rows": [row.to_dict() for row in self.rows], "seconds": round(self.seconds, 6)}
+
+
+def displacements(text: str) -> tuple[Fraction, ...]:
+    """`LO:HI:N` as N equally spaced exact numbers, both ends included; 0, which is no move, is left out. Raises `TableError`."""
+    match = RANGE.fullmatch(text.strip())
+    try:
+        if match is None:
+            raise InvalidOperation
+        low, high = (Fraction(Decimal(part)) for part in match.groups()[:2])
+    except (InvalidOperation, ValueError, OverflowError):
+        raise TableError(f"--displacements is LO:HI:N, such as 1:10:100, not {text!r}") from None
+    count = int(match[3])
+    if not 2 <= count <= MOST_ROWS or not low < high:
+        raise TableError(f"--displacements {text}: LO < HI, and N from 2 to {MOST_ROWS}")
+    return tuple(x for i in range(count) if (x := low + (high - low) * Fraction(i, count - 1)))
+
+
+def tabulate(
+    study: Study, asked: tuple[Fraction, ...], certificates: Path | None = None, advance: Callable[[], None] = lambda: None
+) -> Table:
+    """Bracket the minimum time of every displacement; each search begins where those of its neighbours ended.
+
+    Proofs are written to the folder `certificates`. Raises `StudyError` for a displacement that the study's limits exclude.
+    """
+    if study.command.kind != "time-optimal":
+        raise StudyError(str(study.file), [Mistake("command.kind", study.command.kind, "a table is one of time-optimal commands")])
+    plant = nominal_plant(study)
+    posed = pose(study, plant)
+    rows: list[Row] = []
+    for i, (displacement, problem_, near) in enumerate(_guessed(study, posed, asked, rows), 1):
+        bound = minimum_time(problem_, near=near)
+        file = None
+        if certificates is not None and bound.certificate is not None:
+            file = certificates / f"{study.file.stem}.{i:0{len(str(len(asked)))}}.certificate.json"
+            write_atomically(file, bound.certificate)
+        rows.append(Row(displacement, bound, file))
+        advance()
+    mirrored = study.limits.upper - study.plant.initial_input == study.plant.initial_input - study.limits.lower
+    seconds = sum(row.bound.seconds for row in rows)
+    return Table(study, tuple(sorted(rows, key=lambda row: row.displacement)), float(study.plant.initial_input), mirrored, seconds)
+
+
+def _guessed(
+    study: Study, posed: Problem, asked: tuple[Fraction, ...], done: list[Row]
+) -> Iterator[tuple[Fraction, Problem, float | None]]:
+    """Every displacement, from the largest of each sign down, with its problem and what the rows before say of its minimum time [s]."""
+    order = [x for x in reversed(asked) if x > 0] + [x for x in asked if x < 0]
+    box = posed.maneuver.box
+    for i, displacement in enumerate(order):
+        last = [row for row in done[-2:] if (row.displacement > 0) == (displacement > 0) and row.bound.upper]
+        near = _extrapolated(last, displacement)
+        if box is not None and last and last[-1].bound.dual is not None and last[-1].bound.dual.problem.maneuver.box is not None:
+            box = last[-1].bound.dual.problem.maneuver.box  # with the places that mattered
+        try:
+            yield displacement, problem(posed.plants, replace(posed.maneuver, displacement=displacement, box=box)), near
+        except ManeuverError as refused:
+            mistake = Mistake("maneuver.displacement", float(displacement), f"row {i + 1} of the table: {refused}")
+            raise StudyError(str(study.file), [mistake]) from None
+
+
+def _extrapolated(last: list[Row], displacement: Fraction) -> float | None:
+    if not last or last[-1].bound.upper is None:
+        return None
+    before, times = last[0], [row.bound.upper or 0.0 for row in last]
+    if len(last) == 1 or before.displacement == last[1].displacement:
+        return times[-1]
+    slope = (times[1] - times[0]) / float(last[1].displacement - before.displacement)
+    guess = times[1] + slope * float(displacement - last[1].displacement)
+    return guess if guess > times[1] / 2 else times[1]

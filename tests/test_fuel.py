@@ -1,0 +1,210 @@
+"""A budget of fuel: minimum times known from the literature, both sides proven; what it may not be; lies about it."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import cache
+from itertools import pairwise
+from math import exp, log
+
+import numpy as np
+import pytest
+from forgery import certificate, changed, command, costate, number, opened, task, written
+from independent_limits import Limited
+from problems import transfer
+
+from relaxations.bounds import Bound, Status
+from relaxations.checking.claims import Outcome, check, claim
+from relaxations.errors import ManeuverError
+from relaxations.maneuvers import Limits, Maneuver, problem
+from relaxations.plants import LinearPlant, exact
+from relaxations.proofs import LIMITED, minimum_time
+
+PLANTS = {"spring": transfer([1], [1, 0, 2, 0, 0]), "rigid": transfer([1], [1, 0, 0]), "lag": transfer([1], [1, 1, 0])}
+SPRING, RIGID, LAG = PLANTS
+
+
+@cache
+def bound(plant: str, displacement: str, fuel: str | None, lower: str = "-1", upper: str = "1", robustness: int = 0) -> Bound:
+    return minimum_time(problem([PLANTS[plant]()], Maneuver(exact(displacement), Limits.of(lower, upper, fuel), robustness=robustness)))
+
+
+def sides(found: Bound) -> tuple[float, float]:
+    assert found.status is Status.PROVED, found.reason
+    assert found.certificate is not None
+    assert found.upper is not None
+    assert check(found.certificate).outcome is Outcome.PROVED
+    assert found.upper - found.lower <= LIMITED * found.lower
+    return found.lower, found.upper
+
+
+# Two-mass spring, Δ = 5, |u| ≤ 1: Singhose, Singh and Seering, J. Dynamic Systems, Measurement, and Control 121 (1999), digits by Newton's
+# method on the switch times. At the first one no second pulse pair is needed: the optimum is degenerate.
+PROFILES = {("4.5015815808", 0): 6.6936737286, ("4", 0): 8.1107317945, ("3.5", 0): 8.7965032368, ("3.5", 1): 9.2461624729}
+
+
+@pytest.mark.parametrize(("fuel", "robustness"), PROFILES)
+def test_known_profiles_lie_between_the_proven_sides(fuel: str, robustness: int) -> None:
+    found = bound(SPRING, "5", fuel, robustness=robustness)
+    lower, upper = sides(found)
+    assert lower <= PROFILES[fuel, robustness] + 5e-11
+    assert upper >= PROFILES[fuel, robustness] - 5e-11
+    assert found.command is not None
+    assert 0.999999 * float(fuel) < found.command.fuel() <= float(fuel) * (1 + 1e-12)
+
+
+@pytest.mark.slow
+def test_the_second_node_of_fuel() -> None:
+    lower, upper = sides(bound(SPRING, "5", "2.2507907904"))
+    assert lower <= 10.0111612715 + 5e-11
+    assert upper >= 10.0111612715 - 5e-11
+
+
+@pytest.mark.parametrize(("low", "high", "fuel"), [("-1", "1", "1"), ("-1", "2", "1"), ("-3", "0.5", "0.25")])
+def test_a_rigid_body_coasts_at_the_speed_that_its_fuel_gives(low: str, high: str, fuel: str) -> None:
+    # v = U/2 after U/(2 high) seconds, and as much to brake: T = 2 Δ/U + U/4 (1/high + 1/|low|).
+    a, b, budget = float(high), -float(low), float(fuel)
+    lower, upper = sides(bound(RIGID, "1", fuel, low, high))
+    time = 2 / budget + budget / 4 * (1 / a + 1 / b)
+    assert lower <= time * (1 + 1e-14)
+    assert upper >= time * (1 - 1e-14)
+
+
+def test_a_budget_that_is_not_needed_changes_nothing() -> None:
+    free, rich = bound(SPRING, "5", None), bound(SPRING, "5", "6.6627284204")
+    assert (rich.lower, rich.upper, rich.switches) == (free.lower, free.upper, free.switches)
+    poor = bound(SPRING, "5", "6.66272842")  # one that is short by 3e-11
+    lower, upper = sides(poor)
+    assert upper >= free.lower
+    assert free.upper is not None
+    assert lower <= free.upper * (1 + LIMITED)
+
+
+def test_less_fuel_takes_no_less_time() -> None:
+    times = [sides(bound(SPRING, "5", fuel)) for fuel in ("6.6627284204", "5", "4.5015815808", "4", "3.5")]
+    assert all(later[1] > earlier[0] for earlier, later in pairwise(times))
+    assert times[-1][0] > times[0][1]
+
+
+def test_too_little_fuel_is_impossible_and_enough_is_not() -> None:
+    # 1/(s (s+1)): all the fuel must add up to the displacement.
+    poor = bound(LAG, "1", "0.999999")
+    assert poor.status is Status.IMPOSSIBLE
+    assert poor.certificate is not None
+    assert check(poor.certificate).outcome is Outcome.PROVED
+    assert "at most 0.999999" in claim(check(poor.certificate))
+    lower, upper = sides(bound(LAG, "1", "1.1"))
+    assert lower < upper < 10
+    for fuel, zeros, outcome in (
+        ("1", {}, Outcome.INCONCLUSIVE),
+        ("1.1", {}, Outcome.INCONCLUSIVE),
+        ("0.9", {"real[1]": 1}, Outcome.PROVED),
+    ):
+        content = certificate(task(["1"], ["1", "1", "0"], fuel=fuel, zeros=zeros), impossible="fuel")
+        assert check(content).outcome is outcome
+    for budget, bottom in ((None, ["1", "1", "0"]), ("0.1", ["1", "0", "0"])):
+        assert check(certificate(task(["1"], bottom, fuel=budget), impossible="fuel")).outcome is Outcome.INCONCLUSIVE
+
+
+def test_the_tail_is_no_part_of_the_budget_and_makes_more_possible() -> None:
+    plant = transfer([1, 1], [1, 2, 0])()  # (s+1)/(s (s+2)), ∫u = 2 in all
+    limits = Limits.of(-1, 1, "1.9")
+    assert minimum_time(problem([plant], Maneuver(Fraction(1), limits))).status is Status.IMPOSSIBLE
+    lower, upper = sides(minimum_time(problem([plant], Maneuver(Fraction(1), limits, tail=True))))
+    free = minimum_time(problem([plant], Maneuver(Fraction(1), Limits.of(-1, 1), tail=True)))
+    assert free.upper is not None
+    assert upper >= free.lower
+    assert lower <= 1.9  # at full force the fuel is gone by then
+
+
+def test_where_a_budget_makes_no_sense() -> None:
+    with pytest.raises(ManeuverError, match=r"held at its target by 0\.5"):
+        problem([transfer([1], [1, 0, 1])()], Maneuver(Fraction(1, 2), Limits.of(-1, 1, 1)))
+    for nothing in ("0", "-1"):
+        with pytest.raises(ManeuverError, match="more than 0"):
+            problem([PLANTS[RIGID]()], Maneuver(Fraction(1), Limits.of(-1, 1, nothing)))
+    for fuel in ("0", "-1"):
+        assert check(certificate(task(["1"], ["1", "0", "0"], fuel=fuel), "1", witnesses=(costate(), None))).outcome is Outcome.MALFORMED
+    held = certificate(task(["1"], ["1", "0", "1"], "0.5", fuel="1"), "1", witnesses=(costate(), None))
+    assert check(held).outcome is Outcome.MALFORMED
+    for price, of in (("1", None), ("-1", "1")):
+        content = certificate(task(["1"], ["1", "0", "0"], fuel=of), "1", witnesses=(costate(fuel=price), None))
+        assert check(content).outcome is Outcome.MALFORMED
+
+
+# Lies: about the rigid body, whose numbers fit on a line. Δ = 1, |u| ≤ 1, U = 1: T = 2.5, u = 1 until 0.5, -1 from 2 on; p = (s - 1.25)/1.5
+# times a factor, μ where it is at the switches.
+
+PROFILE = [("0", "1"), ("0.5", "0"), ("2", "-1")]
+
+
+def upper_side(time: str, fuel: str | None = "1", segments: list[tuple[str, str]] = PROFILE, free: tuple[int, int] = (0, 2)) -> Outcome:
+    posed = task(["1"], ["1", "0", "0"], fuel=fuel)
+    return check(certificate(posed, upper=time, witnesses=(None, command(time, segments, [["level", i, 0] for i in free])))).outcome
+
+
+def lower_side(time: str, price: str, fuel: str | None = "1", slope: str = "1") -> Outcome:
+    chains = (("0", "0"), [(written(-number(slope) * Fraction(5, 4)), "0"), (slope, "0")])
+    return check(certificate(task(["1"], ["1", "0", "0"], fuel=fuel), time, witnesses=(costate(chains, fuel=price), None))).outcome
+
+
+def test_the_upper_side_of_a_budget() -> None:
+    assert upper_side("2.5") is Outcome.PROVED  # the optimum itself: its numbers are exact
+    assert upper_side("2.5", fuel="0.9999999") is Outcome.REFUTED
+    slower = [("0", "0.952380952"), ("0.5", "0"), ("2.1", "-0.952380952")]  # v = 1/2.1, which is the fuel too: 2 v
+    assert upper_side("2.6", segments=slower) is Outcome.PROVED
+    assert upper_side("2.6", fuel=None, segments=slower) is Outcome.PROVED
+    assert upper_side("2.6", fuel="0.95", segments=slower) is Outcome.REFUTED
+    assert upper_side("2.59", segments=slower) is Outcome.REFUTED
+
+
+def test_the_lower_side_of_a_budget() -> None:
+    assert lower_side("2.4999999", "0.75") is Outcome.PROVED
+    assert lower_side("2.5000001", "0.75") is Outcome.REFUTED
+    for price in ("0.7", "0.8", "0.5"):  # any other price is worse, none at all is that of the bang-bang command
+        assert lower_side("2.4999999", price) is Outcome.REFUTED
+        assert lower_side("2.3", price) is Outcome.PROVED
+    assert lower_side("2.01", "0") is Outcome.REFUTED
+    assert lower_side("2.4999999", "0.75", fuel="1.0001") is Outcome.REFUTED
+    assert lower_side("2.4999999", "0.75", fuel="0.9999") is Outcome.PROVED
+    assert lower_side("1", "2") is Outcome.REFUTED  # so expensive that nothing is gained at any time
+
+
+def test_a_changed_budget_changes_the_claim() -> None:
+    content = bound(SPRING, "5", "4").certificate
+    assert content is not None
+    times = [number(opened(content)["claim"][side]) for side in ("lower", "upper")]
+    less = changed(content, lambda data: data["task"]["limits"].update(fuel="3.99"))
+    assert check(less).outcome is Outcome.REFUTED  # the command burns more
+    more = changed(content, lambda data: data["task"]["limits"].update(fuel="4.01"))
+    assert check(more).outcome is Outcome.REFUTED  # the lower side is not true any more
+    for side, time, factor in zip(("lower", "upper"), times, (Fraction(100001, 100000), Fraction(99999, 100000)), strict=True):
+        lie = changed(content, lambda data, side=side, time=time, factor=factor: data["claim"].update({side: written(time * factor)}))
+        assert check(lie).outcome is Outcome.REFUTED
+    free = changed(
+        content, lambda data: (data["task"]["limits"].update(fuel=None), data["claim"].update(lower=None), data["lower"].update(fuel="0"))
+    )
+    assert check(free).outcome is Outcome.PROVED  # true, about another task
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_random_budgets_against_another_program(seed: int) -> None:
+    rng = np.random.default_rng([2026, seed])
+    frequency, damping = rng.uniform(1.0, 4.0), rng.choice([0.0, 0.02, 0.2])
+    bottom = np.polymul([1, 0, 0], [1, 2 * damping * frequency, frequency**2])
+    plant = LinearPlant.from_transfer([1], [float(f"{c:.4g}") for c in bottom])
+    low, high = -float(f"{rng.uniform(0.5, 2):.3g}"), float(f"{rng.uniform(0.5, 2):.3g}")
+    free = minimum_time(problem([plant], Maneuver(Fraction(1), Limits.of(low, high))))
+    assert free.command is not None
+    assert free.upper is not None
+    budget = float(f"{rng.uniform(0.5, 0.95) * free.command.fuel():.3g}")
+    lower, upper = sides(minimum_time(problem([plant], Maneuver(Fraction(1), Limits.of(low, high, budget)))))
+    other = Limited(plant, 1.0, low, high, budget).time(0.98 * lower, 1.02 * upper, 100, 1e-4)
+    assert other >= lower * (1 - 1e-6)
+    assert other == pytest.approx(upper, rel=4e-3)  # what a grid of 100 steps is slower
+
+
+def test_a_lag_in_closed_form() -> None:
+    # 1/(s (s+1)), |u| ≤ 1, U = 1.1: u = 1 at first for 1.05 s, -1 for 0.05 s at the end, and ∫u e^{-s} ds = 0 over the time to go.
+    lower, upper = sides(bound(LAG, "1", "1.1"))
+    assert lower <= log((exp(1.05) - 1) / (1 - exp(-0.05))) <= upper
