@@ -79,6 +79,8 @@ def shaper_block(
     """
     if not 2 <= history <= 10**7:
         raise BuildError(f"a shaper remembers from 2 to 10000000 changes of its reference, not {history}")
+    if shaper.pulses:
+        raise BuildError("a shaper of pulses is no FMU: it would have to integrate its reference; export the command that it makes instead")
     reading = "Between communication points the reference is a line over each step (true) or held (false)"
     variables = [
         PlantVariable(0, "rest", "parameter", signal.unit, "Reference before the start", start=signal.rest),

@@ -24,6 +24,7 @@ from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.grids import grid
 from relaxations.maneuvers import Problem, TargetSet
 from relaxations.refinement import Extremal, Failure, refine
+from relaxations.residuals import MISSED
 from relaxations.tails import Contact, Looks, TailStart
 
 Reals = NDArray[np.float64]
@@ -139,7 +140,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
     def settled(solution: programs.GridSolution) -> bool:
         """Whether an extremal near a solution follows from it already."""
         off = abs(math.log(max(solution.fraction, 1e-300)))
-        if len(early) == EARLY or off > NEAR or _exponent(solution) <= FLAT:
+        if len(early) == EARLY or off > NEAR or exponent_of(solution) <= FLAT:
             return False
         early.append(found := _refined(solution))
         return isinstance(found, Extremal) and abs(math.log(found.maneuver_time / solution.maneuver_time)) <= 2 * NEAR
@@ -181,7 +182,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
 def _tail_only(problem: Problem) -> Reals | None:
     """The tail that does the whole maneuver in no time, if there is one: as many stable zeros as poles, and room for it."""
     tail = problem.tail
-    if tail.size < problem.size:
+    if tail.size < problem.size or problem.residuals is not None:
         return None
     coefficients: Reals = np.linalg.solve(tail.columns, -problem.target).astype(np.float64)
     looks = tail.looks().instants
@@ -206,10 +207,10 @@ def first_looks(problem: Problem) -> Looks:
     return problem.tail.looks() if problem.residuals is None else Looks(problem.residuals.looks(), np.zeros(0))
 
 
-def exceeded(problem: Problem, solution: programs.GridSolution) -> Looks:
-    """Where a solution is beyond a limit that was not imposed there."""
+def exceeded(problem: Problem, solution: programs.GridSolution, factor: float = 1.0 + MISSED) -> Looks:
+    """Where a solution is beyond a limit that was not imposed there: a residual beyond `factor` times its own."""
     if problem.residuals is not None:
-        return Looks(problem.residuals.exceeded(solution.program.instants, solution.levels / solution.fraction), np.zeros(0))
+        return Looks(problem.residuals.exceeded(solution.program.instants, solution.levels / solution.fraction, factor), np.zeros(0))
     return problem.tail.exceeded(solution.tail_coefficients, solution.pull)
 
 
@@ -327,7 +328,7 @@ def grid_minimum(
         if above and below and above.program.maneuver_time / below.program.maneuver_time - 1.0 <= settings.tolerance:
             break
         off = -math.log(max(fraction, 1e-300))
-        exponent = _exponent(solution)
+        exponent = exponent_of(solution)
         if exponent and last and max(abs(last[1]) / 8, NOISE) < abs(off) and last[1] < -math.log(VISIBLE):
             # The costate's slope is that of continuous time: where the grid cannot follow short arcs, the slope seen is the better one.
             exponent = (last[1] - off) / math.log(horizon / last[0])
@@ -348,10 +349,10 @@ def grid_minimum(
     return GridMinimum(below, above, count)
 
 
-def _exponent(solution: programs.GridSolution) -> float:
+def exponent_of(solution: programs.GridSolution) -> float:
     """`d log α/d log T`, which the costate knows; 0 where α is known to too few digits."""
-    problem = solution.problem
-    end = float(solution.costate @ problem.rows([solution.maneuver_time])[:, 0])
+    problem, costate = extended(solution.problem, solution.costate, solution.tail_multipliers)
+    end = float(costate @ problem.rows([solution.maneuver_time])[:, 0])
     dead = float(np.clip(end, -solution.fuel, solution.fuel))
     steepest = solution.maneuver_time * max(problem.upper * (end - dead), problem.lower * (end - dead))
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0

@@ -1,29 +1,27 @@
-"""Robust tasks: one command for every plant in a box of parameters, its residual vibration within a tolerance in all of them.
+"""A box of plants: one transfer function over ranges of its parameters, or a list of plants where no such function is known.
 
-The moments at the origin are the same functions in every plant, so all of them rest together there, exactly. Beside it each plant of the
-box may move: its output about its final value is bounded, instant by instant, by rows of the program (../docs/theory.md, section 3).
+Every one of them may keep a residual vibration after the command, within a tolerance (../docs/theory.md, section 3). Where they come to
+rest is no matter of the command: the moments at the origin are the same functions in every plant, and one final rest input holds all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from relaxations.errors import ManeuverError
-from relaxations.moments import Basis
-from relaxations.plants import LinearPlant
+from relaxations.plants import LinearPlant, fraction
 
 Reals = NDArray[np.float64]
+Place = tuple[Fraction, ...]
 Polynomial = tuple[tuple[Fraction, tuple[int, ...]], ...]  # terms: coefficient, power of each parameter
 
-PERIODS = 8.0  # of the slowest mode: how long after the command a residual is looked at
-LOOKS = 12  # instants in a period of the fastest mode at first
-MISSED = 1e-7  # relative excess between two instants that calls for another one
+LOOKED = {1: 257, 2: 17, 3: 5}  # values of each parameter, by their number, at which the final error is looked at
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +43,50 @@ class Family:
 
     def member(self, place: Sequence[Fraction]) -> LinearPlant:
         """The plant at one place."""
-        return LinearPlant.from_transfer(*([_value(terms, place) for terms in which] for which in (self.numerator, self.denominator)))
+        return LinearPlant.from_transfer(*self.written(place))
+
+    def written(self, place: Sequence[Fraction]) -> tuple[list[Fraction], list[Fraction]]:
+        """Its numerator and denominator."""
+        upper, lower = ([_value(terms, place) for terms in which] for which in (self.numerator, self.denominator))
+        return upper, lower
+
+    def coefficients(self, places: Reals) -> tuple[Reals, Reals]:
+        """Numerators and denominators at `places` (k, parameters) in floating point, highest power first: (k, n) each."""
+        found = []
+        for which in (self.numerator, self.denominator):
+            table = np.zeros((len(places), len(which)))
+            for column, terms in enumerate(which):
+                for coefficient, powers in terms:
+                    table[:, column] += float(coefficient) * np.prod(places ** np.array(powers), axis=1)
+            found.append(table)
+        return found[0], found[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """Plants known at some places of a box only: nothing is said of those between them."""
+
+    plants: tuple[tuple[Place, LinearPlant], ...]
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """Where a plant is known."""
+        return tuple(place for place, _ in self.plants)
+
+    def member(self, place: Sequence[Fraction]) -> LinearPlant:
+        """The plant at one of the places."""
+        return next(plant for known, plant in self.plants if known == tuple(place))
+
+    def written(self, place: Sequence[Fraction]) -> tuple[list[Fraction], list[Fraction]]:
+        """Its numerator and denominator."""
+        plant = self.member(place)
+        upper, lower = ([fraction(c) for c in reversed(p.coeffs())] for p in (plant.numerators[plant.output], plant.denominator))
+        return upper, lower
+
+
+def at(place: Sequence[Fraction]) -> str:
+    """A place in words."""
+    return f"at ({', '.join(f'{float(x):.6g}' for x in place)})"
 
 
 def _value(terms: Polynomial, place: Sequence[Fraction]) -> Fraction:
@@ -59,12 +100,17 @@ def _value(terms: Polynomial, place: Sequence[Fraction]) -> Fraction:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """Every plant of `family` over `axes` may keep a residual of `tolerance` |Δ|; `samples` are the places that the program looks at."""
+    """Every plant of `family` over `axes` may keep a residual of `tolerance` |Δ|, and rest up to `final_tolerance` |Δ| from the target.
+
+    `samples` are the places that the program looks at. Without a `final_tolerance` it does not matter where other plants than the nominal
+    one come to rest.
+    """
 
     axes: tuple[Axis, ...]
-    family: Family
+    family: Family | Listed
     tolerance: Fraction
-    samples: tuple[tuple[Fraction, ...], ...] = ()
+    samples: tuple[Place, ...] = ()
+    final_tolerance: Fraction | None = None
 
     def __post_init__(self) -> None:
         wrong = [
@@ -78,128 +124,47 @@ class Box:
             raise ManeuverError(
                 f"no command leaves no residual at all in a whole box: a tolerance is more than 0, not {float(self.tolerance)!r}"
             )
+        if self.final_tolerance is not None and self.final_tolerance < 0:
+            raise ManeuverError(f"a final tolerance is 0 or more, not {float(self.final_tolerance)!r}")
+        if isinstance(self.family, Listed) and self.nominal not in self.family.places:
+            raise ManeuverError("the nominal plant is one of a list of plants")
 
     @property
-    def nominal(self) -> tuple[Fraction, ...]:
+    def nominal(self) -> Place:
         """The nominal place."""
         return tuple(axis.nominal for axis in self.axes)
 
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """One plant of the box at `place`: poles beside the origin, the weights of their moments in the output, their moments at rest."""
-
-    place: tuple[Fraction, ...]
-    basis: Basis
-    weights: Reals
-    rest: Reals
-    lasts: float  # how long its residual is looked at [s]
-
-    @staticmethod
-    def of(place: tuple[Fraction, ...], plant: LinearPlant, hold: float) -> Sample:
-        """Raises `ManeuverError` for an unstable plant (it is nowhere at rest after a command) and for repeated poles."""
-        for pole in plant.poles:
-            where = f"at {', '.join(f'{float(x):.6g}' for x in place)} in the box the plant"
-            if pole.value.real > 1e-12 * abs(pole.value):
-                raise ManeuverError(f"{where} is unstable: pole {pole.value:.6g}")
-            if not pole.is_rigid and pole.multiplicity > 1:
-                raise ManeuverError(f"{where} has the repeated pole {pole.value:.6g}: only the one at the origin may be repeated")
-        rigid = plant.rigid_order
-        basis = Basis(tuple(pole for pole in plant.poles if not pole.is_rigid))
-        weights = Basis(tuple(plant.poles)).weights(plant.partial())[rigid:]
-        slowest = min((abs(pole.value) for pole in basis.poles), default=1.0)
-        return Sample(place, basis, weights, basis.hold(hold), 2 * np.pi * PERIODS / slowest)
+    def places(self, count: int) -> list[Place]:
+        """Places evenly over the box, its corners among them: `count` values of each parameter; of a list all there are."""
+        if isinstance(self.family, Listed):
+            return list(self.family.places)
+        sides = [sorted({a.low + (a.high - a.low) * Fraction(i, count - 1) for i in range(count)}) for a in self.axes]
+        return list(itertools.product(*sides))
 
     @property
-    def fastest(self) -> float:
-        """The largest |p| [1/s]."""
-        return max((abs(pole.value) for pole in self.basis.poles), default=1.0)
+    def rigid(self) -> int:
+        """How many poles at the origin the nominal plant has."""
+        return next(k for k, c in enumerate(reversed(self.family.written(self.nominal)[1])) if c)
 
-    def rows(self, since: Reals) -> Reals:
-        """The output about its final value at `since` [s] after the command, for each unit moment about the rest: (len(since), n)."""
-        units = [self.weights @ self.basis.free(unit, since) for unit in np.eye(self.basis.size)]
-        return np.array(units).T if units else np.zeros((len(since), 0))
+    def gain(self, place: Sequence[Fraction]) -> Fraction:
+        """`N(0) / (D/s^r)(0)` of the plant at a place, r poles at the origin; raises `ManeuverError` where it has more of them."""
+        (*_, last), denominator = self.family.written(place)
+        lowest = denominator[-1 - self.rigid]
+        if not lowest or any(denominator[len(denominator) - self.rigid :]):
+            raise ManeuverError(f"the plant {at(place)} in the box has more poles at the origin than the nominal one")
+        return last / lowest
 
-    def table(self, instants: Reals) -> Reals:
-        """The moments at the end of the grid of a unit level in each cell: (n, cells)."""
-        integrated = self.basis.rows(instants[-1] - instants, 1)
-        return integrated[:, :-1] - integrated[:, 1:]
+    def final_error(self, place: Sequence[Fraction]) -> Fraction:
+        """`|y(∞) - target| / |Δ|` of the plant at a place, whatever the command: `|gain / nominal gain - 1|`.
 
-    def looks(self) -> Reals:
-        """Instants at which the residual is limited at first: a period of the fastest mode."""
-        return np.linspace(0.0, min(2 * np.pi / self.fastest, self.lasts), LOOKS, endpoint=False)
+        The command's one moment that moves a body at rest for good, or the one input that holds, is what the nominal plant needs.
+        """
+        return abs(self.gain(place) / self.gain(self.nominal) - 1)
 
-    def peaks(self, moments: Reals) -> tuple[Reals, Reals]:
-        """Instants of the local extremes (and the first instant) of the residual that moments about the rest leave; its size there."""
-        fine = np.linspace(0.0, self.lasts, int(24 * self.lasts * self.fastest / (2 * np.pi)) + 3)
-        course = self.rows(fine) @ moments
-        turns = np.flatnonzero((course[1:-1] - course[:-2]) * (course[2:] - course[1:-1]) <= 0.0) + 1
-        y0, y1, y2 = course[turns - 1], course[turns], course[turns + 1]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            shift = np.nan_to_num((y0 - y2) / (2 * (y0 - 2 * y1 + y2)), posinf=0.0, neginf=0.0)
-        found = np.concatenate([[0.0], fine[turns] + np.clip(shift, -1, 1) * (fine[1] - fine[0])])
-        return found, np.abs(self.rows(found) @ moments)
-
-
-@dataclass(frozen=True, slots=True)
-class Residuals:
-    """What the samples of a box leave after the command: `|r| ≤ allowed` (output units) at instants of each.
-
-    Instants count on one axis: those of sample k from `begins[k]` on, which is after all of the sample before.
-    """
-
-    samples: tuple[Sample, ...]
-    allowed: float
-
-    @property
-    def begins(self) -> Reals:
-        """Where the instants of each sample begin."""
-        return np.concatenate([[0.0], np.cumsum([2.0 * sample.lasts for sample in self.samples])])[:-1]
-
-    def owner(self, looks: Reals) -> NDArray[np.intp]:
-        """The sample that each instant on the one axis belongs to."""
-        return np.searchsorted(self.begins, looks, side="right") - 1
-
-    def split(self, looks: Reals) -> list[Reals]:
-        """Instants [s] after the command, sample by sample, of instants on the one axis."""
-        owner = self.owner(looks)
-        return [looks[owner == k] - begin for k, begin in enumerate(self.begins)]
-
-    def looks(self) -> Reals:
-        """Instants at which the residuals are limited at first."""
-        return np.concatenate([begin + sample.looks() for begin, sample in zip(self.begins, self.samples, strict=True)])
-
-    def table(self, instants: Reals) -> Reals:
-        """The moments of all samples at the end of the grid of a unit level in each cell: (n, cells)."""
-        return np.vstack([sample.table(instants) for sample in self.samples])
-
-    def rows(self, looks: Reals) -> tuple[Reals, Reals]:
-        """`R` (looks, n) and `e` (looks,): the residuals R M - α e of the moments M of all samples."""
-        parts = [(sample.rows(since), sample.rest) for sample, since in zip(self.samples, self.split(looks), strict=True)]
-        return np.asarray(block_diag(*(rows for rows, _ in parts))), np.concatenate([rows @ rest for rows, rest in parts])
-
-    def exceeded(self, instants: Reals, levels: Reals) -> Reals:
-        """Instants of local extremes beyond the tolerance, of levels that reach the target."""
-        found = []
-        for begin, sample in zip(self.begins, self.samples, strict=True):
-            peaks, sizes = sample.peaks(sample.table(instants) @ levels - sample.rest)
-            found.append(begin + peaks[sizes > self.allowed * (1.0 + MISSED)])
-        return np.concatenate(found)
-
-    def costates(self, multipliers: Sequence[tuple[float, float, float]]) -> list[Reals]:
-        """What multipliers (instant on the one axis, μ⁺, μ⁻) add to the costate of each sample's moments."""
-        looks = np.array([look for look, _, _ in multipliers])
-        forces = np.array([above - below for _, above, below in multipliers])
-        owner = self.owner(looks)
-        return [
-            forces[owner == k] @ sample.rows(since) for k, (sample, since) in enumerate(zip(self.samples, self.split(looks), strict=True))
-        ]
-
-
-def family_of(numerator: Sequence[Mapping[tuple[int, ...], Fraction]], denominator: Sequence[Mapping[tuple[int, ...], Fraction]]) -> Family:
-    """From polynomials as mappings of powers to coefficients."""
-
-    def frozen(which: Sequence[Mapping[tuple[int, ...], Fraction]]) -> tuple[Polynomial, ...]:
-        return tuple(tuple((Fraction(c), tuple(powers)) for powers, c in sorted(terms.items()) if c) for terms in which)
-
-    return Family(frozen(numerator), frozen(denominator))
+    def beyond(self) -> Place | None:
+        """A place whose plant comes to rest too far from the target, found among places evenly over the box; None if none is."""
+        if self.final_tolerance is None:
+            return None
+        tried = self.places(LOOKED.get(len(self.axes), 3))
+        worst = max(tried, key=self.final_error)
+        return worst if self.final_error(worst) > self.final_tolerance else None

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 import rfc8785
 from numpy.typing import NDArray
 
-from relaxations.boxes import Box, Polynomial
+from relaxations.boxes import Box, Family, Place, Polynomial
 from relaxations.maneuvers import Problem
 from relaxations.plants import fraction
 
@@ -76,13 +77,22 @@ def _box(box: Box) -> dict[str, Any]:
     def written(which: Sequence[Polynomial]) -> list[Any]:
         return [[[text(coefficient), list(powers)] for coefficient, powers in terms] for terms in which]
 
-    parameters = [{"name": a.name, "nominal": text(a.nominal), "low": text(a.low), "high": text(a.high)} for a in box.axes]
-    family = box.family
+    def listed(place: Place) -> dict[str, Any]:
+        upper, lower = ([text(c) for c in which] for which in box.family.written(place))
+        return {"place": [text(x) for x in place], "numerator": upper, "denominator": lower}
+
+    family, parameters = (
+        box.family,
+        [{"name": a.name, "nominal": text(a.nominal), "low": text(a.low), "high": text(a.high)} for a in box.axes],
+    )
+    known = isinstance(family, Family)
     return {
         "parameters": parameters,
-        "numerator": written(family.numerator),
-        "denominator": written(family.denominator),
+        "numerator": written(family.numerator) if known else [],
+        "denominator": written(family.denominator) if known else [],
+        "plants": [] if known else [listed(place) for place in family.places],
         "tolerance": text(box.tolerance),
+        "final_tolerance": box.final_tolerance if box.final_tolerance is None else text(box.final_tolerance),
     }
 
 
@@ -122,6 +132,12 @@ def costate_witness(
         if contacts:
             samples.append({"place": [text(x) for x in sample.place], "residual": contacts})
     return {"costate": plants or [[]], "tail": [], "samples": samples, "fuel": text(fuel)}
+
+
+def place_witness(problem: Problem, place: Place) -> dict[str, Any]:
+    """The witness that no command suits a box: the plant at this place."""
+    nothing = costate_witness(replace(problem, sets=(), residuals=None), [])
+    return {**nothing, "costate": [[]], "samples": [{"place": [text(x) for x in place], "residual": []}]}
 
 
 def tail_chains(problem: Problem, coefficients: Numbers) -> list[dict[str, Any]]:

@@ -14,11 +14,12 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.boxes import Box, Residuals, Sample
+from relaxations.boxes import Box, at
 from relaxations.errors import ManeuverError
 from relaxations.frames import Frame
 from relaxations.moments import Basis
 from relaxations.plants import Exact, LinearPlant, Pole, exact, roots
+from relaxations.residuals import Residuals, Sample
 from relaxations.tails import TailLength, TailSpace, caps, tail_columns
 
 Reals = NDArray[np.float64]
@@ -273,10 +274,11 @@ def _boxed(plants: Sequence[LinearPlant], maneuver: Maneuver, box: Box, hold: fl
     if rigid:
         target[-1] = float(maneuver.displacement) / plant.partial().residues[0][-1].real
     samples = []
-    for place in box.samples or (box.nominal,):
+    for place in box.samples or dict.fromkeys((box.nominal, *box.places(2))):
         one = box.family.member(place)
         if one.rigid_order != rigid:
-            raise ManeuverError(f"the plants of a box have the same number of poles at the origin, not {rigid} and {one.rigid_order}")
+            counts = f"{rigid} in the nominal one, {one.rigid_order} {at(place)}"
+            raise ManeuverError(f"the plants of a box have the same number of poles at the origin, not {counts}")
         samples.append(Sample.of(place, one, hold))
     allowed = float(box.tolerance * abs(maneuver.displacement))
     return (TargetSet(basis, target),) if rigid else (), Residuals(tuple(samples), allowed)

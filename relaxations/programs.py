@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.boxes import Residuals
 from relaxations.conditioning import framed
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.maneuvers import Problem
+from relaxations.residuals import Residuals
 from relaxations.tails import Looks, moduli
 
 Reals = NDArray[np.float64]
@@ -128,9 +128,12 @@ class GridSolution:
 
     @property
     def residual(self) -> float:
-        """Violation of the orthonormal rows relative to the part of the target reached (a solution judges itself)."""
+        """Violation of the orthonormal rows relative to the part of the target reached (a solution judges itself).
+
+        Where there is no target, and only what is left of the move is limited, relative to what the levels do.
+        """
         reached = self.fraction * self.program.target
-        size = float(np.linalg.norm(reached))
+        size = float(np.linalg.norm(reached if self.program.target.any() else self.program.rows @ self.levels))
         missed = self.program.rows @ self.levels - self.program.columns @ self.tail - reached
         return float(np.linalg.norm(missed)) / size if size > 0.0 else np.inf
 
@@ -216,7 +219,7 @@ def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | N
     at = residuals.looks() if looks is None else looks.instants
     rows, offset = residuals.rows(at)
     left, size, right = np.linalg.svd(residuals.table(program.instants), full_matrices=False)
-    kept = size > LOST * size[0]
+    kept = size > LOST * size.max(initial=0.0)
     shapes, directions = rows @ (left[:, kept] * size[kept]), right[kept]
     allowed, free = residuals.allowed * (1.0 - inside), len(directions)
     return replace(
@@ -298,11 +301,14 @@ def solve(program: GridProgram) -> GridSolution:
     multiplier = np.asarray(compiled["reach"].dual_value)
     # The sign of a multiplier is a convention of the solver. The costate is the one whose maximisers the levels are: stationarity in α says
     # `λᵀ target = 1 + what the tail's limits cost`, which is positive (the levels themselves say nothing where α = 0).
-    if float(multiplier @ program.target) < 0.0:
-        multiplier = -multiplier
     prices = (
         [np.maximum(np.asarray(compiled[name].dual_value), 0.0) for name in ("ceiling", "floor")] if coefficients else [np.zeros(looks)] * 2
     )
+    wrong = float(multiplier @ program.target) < 0.0
+    if program.problem.residuals is not None:  # their limits may pay instead: the sign is then the one that they balance, for z is free
+        wrong = float((program.columns.T @ multiplier) @ (program.shapes.T @ (prices[0] - prices[1]))) > 0.0
+    if wrong:
+        multiplier = -multiplier
     k = len(program.looks)
     pull = program.columns.T @ multiplier + program.shapes[:k].T @ (prices[0] - prices[1])[:k]
     scale = float(multiplier @ program.target) - _price(program, prices[0], prices[1], pull)

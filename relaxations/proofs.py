@@ -17,7 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations import certificates, programs
-from relaxations.bounds import CUTS, Bound, Settings, Status, bracket, contacts, cut, extended, instants
+from relaxations.bounds import (
+    CUTS,
+    NOT_PROVEN,
+    Bound,
+    Settings,
+    Status,
+    bracket,
+    contacts,
+    cut,
+    extended,
+    instants,
+    staircase,
+)
+from relaxations.boxes import Listed
 from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
@@ -26,8 +39,8 @@ from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.polishing import Polished, polish
 from relaxations.refinement import Extremal, outline
-from relaxations.repair import Repaired, exact, pivots, repair
-from relaxations.robust import further, sampled
+from relaxations.repair import SNAP, Repaired, exact, pivots, repair
+from relaxations.robust import Sampled, at_rest_at_once, further, minimum, within
 from relaxations.sampling import MISSED, sampled_bracket
 
 Reals = NDArray[np.float64]
@@ -43,6 +56,9 @@ SMALL = 1e-7
 
 BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
+
+HELD = (2e-5, 6e-5, 3e-4)
+"""How far beyond it a command may go that is to hold in a whole box."""
 
 FINER = (1, 4, 16, 64)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
@@ -93,14 +109,20 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
     numerics fail altogether the bracket is [0, –].
     """
     begun, chosen = time.perf_counter(), settings or Settings()
-    if problem.residuals is not None:
-        problem, chosen = sampled(problem, chosen, near)
     task = certificates.task(problem)
-    for form in ("face", "remainder", "fuel") if problem.fuel is not None or _rests_on_a_limit(problem) else ():
-        content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, None, None)
+    for form, witness in _impossible(problem):
+        content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, witness, None)
         if check(content).outcome is Outcome.PROVED:
             nothing = np.zeros(problem.size)
             return Bound(Status.IMPOSSIBLE, 0.0, None, nothing, None, None, None, 0, time.perf_counter() - begun, certificate=content)
+    if problem.residuals is not None:
+        if not any(sample.basis.size for sample in problem.residuals.samples):
+            problem = replace(problem, residuals=None)  # bodies alone: they are at rest together
+        elif problem.maneuver.sample_time is None:
+            return _robust(problem, task, chosen, near, begun)
+        else:
+            free = minimum(replace(problem, maneuver=replace(problem.maneuver, sample_time=None)), chosen, guess=near)
+            problem = replace(free.problem, maneuver=replace(free.problem.maneuver, sample_time=problem.maneuver.sample_time))
     proof, found, count, trouble = Proof(), None, 0, None
     gridded = problem.maneuver.sample_time is not None
     look = sampled_bracket if gridded else bracket
@@ -115,7 +137,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         count += looked.programs
         found = looked if found is None or (found.switches is None and looked.switches is not None) else found
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
-        enough = REGULAR if problem.bang_bang else LIMITED if problem.residuals is None else ROBUST
+        enough = REGULAR if problem.bang_bang else LIMITED
         if gridded or proof.gap <= enough or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
             break
     if found is None:
@@ -306,20 +328,84 @@ def _repaired(problem: Problem, task: dict[str, Any], grids: Iterator[tuple[Real
                 solution = cut(problem, grid, inside)
         except SolverError:
             continue
-        tie = problem.maneuver.sample_time is not None and solution.fraction > 1.0 - MISSED  # the minimum may be a whole number of samples
-        for snap in (1e-7, 0.0)[: 2 if problem.residuals is None else 1] if solution.reaches or tie else ():
-            fixed = (exact(solution) if tie else None) or (repair(solution, snap) if solution.reaches else None)
-            if fixed is None:
-                continue
-            names = certificates.tail_unknowns(problem)
-            free = [*(["level", i, 0] for i in fixed.free_levels), *(names[i] for i in fixed.free_tail)]
-            tail = certificates.tail_chains(problem, fixed.tail)
-            duration, starts = problem.on_grid(fixed.maneuver_time), [problem.on_grid(start) for start in fixed.starts]
-            witness = certificates.command_witness(duration, starts, fixed.levels, tail, free, fixed.radius)
-            side = Side(duration, witness)
-            if _accepted(task, upper=side):
-                return Proof(None, side, _staircase(problem, fixed)), solution
+        for snap in (SNAP, 0.0)[: 2 if problem.residuals is None else 1]:
+            if (proof := _landed(problem, task, solution, snap)) is not None:
+                return proof, solution
     return Proof(), solution
+
+
+def _landed(problem: Problem, task: dict[str, Any], solution: programs.GridSolution, snap: float = SNAP) -> Proof | None:
+    """The upper side of a program's solution, repaired; None if that is not accepted."""
+    tie = problem.maneuver.sample_time is not None and solution.fraction > 1.0 - MISSED  # the minimum may be a whole number of samples
+    fixed = (exact(solution) if tie else None) or (repair(solution, snap) if solution.reaches else None)
+    if fixed is None:
+        return None
+    names = certificates.tail_unknowns(problem)
+    free = [*(["level", i, 0] for i in fixed.free_levels), *(names[i] for i in fixed.free_tail)]
+    tail = certificates.tail_chains(problem, fixed.tail)
+    duration, starts = problem.on_grid(fixed.maneuver_time), [problem.on_grid(start) for start in fixed.starts]
+    witness = certificates.command_witness(duration, starts, fixed.levels, tail, free, fixed.radius)
+    side = Side(duration, witness)
+    return Proof(None, side, _staircase(problem, fixed)) if _accepted(task, upper=side) else None
+
+
+def _impossible(problem: Problem) -> Iterator[tuple[str, dict[str, Any] | None]]:
+    """Criteria by which a task may be impossible, each with its witness."""
+    if problem.fuel is not None or _rests_on_a_limit(problem):
+        yield from ((form, None) for form in ("face", "remainder", "fuel"))
+    box = problem.maneuver.box
+    if box is not None and (place := box.beyond()) is not None:
+        yield "final", certificates.place_witness(problem, place)
+
+
+def _robust(problem: Problem, task: dict[str, Any], settings: Settings, near: float | None, begun: float) -> Bound:
+    """Both sides of a robust task, on finer and finer grids; `near` is a guess at its minimum time [s]."""
+    if at_rest_at_once(problem):
+        command, nothing = Command(0.0, (), Tail(problem.absolute(problem.hold))), np.zeros(0)
+        found = Bound(Status.BRACKETED, 0.0, 0.0, nothing, command, 0, NOT_PROVEN, 0, 0.0)
+        return _concluded(task, _instant(problem, task, found), found, time.perf_counter() - begun)
+    proof, found, count, trouble = Proof(), None, 0, ""
+    for factor in FINER:
+        finer = settings.finer(factor)
+        try:
+            found = minimum(problem, finer, found, near)
+            count += found.programs
+            if found.solution is None:
+                break
+            upper, tightened = _held(task, found, finer)
+            count += tightened.programs
+        except SolverError as met:
+            trouble = str(met)
+            break
+        lower = _lower(found.problem, task, found.solution, found.solution.maneuver_time)
+        proof, found = proof.better(upper).better(Proof(lower)), replace(found, problem=tightened.problem, looks=tightened.looks)
+        if proof.gap <= ROBUST or (factor > 1 and proof.upper is None):
+            break
+    dual = found and (found.solution or found.below)
+    if dual is not None and not dual.reaches:
+        trouble = f"no command was found: at T = {dual.maneuver_time:.6g} s the grid reaches {dual.fraction:.3g} of the target"
+    reason = trouble or "no command found is proven to keep the tolerance between the plants that were looked at"
+    command = None if found is None or found.solution is None else staircase(found.problem, found.solution)
+    upper = None if command is None else command.maneuver_time
+    costate = np.zeros(problem.size) if dual is None else dual.costate
+    bound = Bound(Status.BRACKETED, 0.0, upper, costate, command, None, reason, count, 0.0, dual=dual)
+    done, box = _concluded(task, proof, bound, time.perf_counter() - begun), problem.maneuver.box
+    if done.status is Status.PROVED and box is not None and isinstance(box.family, Listed):
+        known = f"sampled: both sides are proven for the {len(box.family.plants)} plants of the box that are known"
+        return replace(
+            done, status=Status.BRACKETED, reason=f"{known}; the lower one holds for the whole box then, the upper one only there"
+        )
+    return done
+
+
+def _held(task: dict[str, Any], found: Sampled, settings: Settings) -> tuple[Proof, Sampled]:
+    """The upper side of a robust task: a command whose residual is proven over the whole box, as little beyond the minimum as works."""
+    for beyond in HELD:
+        found, clean = within(found, beyond, settings)
+        assert found.solution is not None
+        if clean and (proof := _landed(found.problem, task, found.solution, SNAP)) is not None:
+            return proof, found
+    return Proof(), found
 
 
 def _instant(problem: Problem, task: dict[str, Any], found: Bound) -> Proof:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from relaxations.maneuvers import Problem
 from relaxations.plants import fraction
 from relaxations.programs import GridSolution
 
@@ -101,6 +102,8 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     for cap, modulus in zip(problem.tail.caps, problem.tail.sizes(tail), strict=True):
         play[list(cap.at)] = np.minimum(play[list(cap.at)], max(cap.bound - modulus, 0.0) / 2)
     columns, weights = np.hstack([table, -problem.tail.columns]), np.concatenate([room, play])
+    if not size and not len(tail):  # nothing has to be reached exactly: the levels are what they are
+        return Repaired(solution.maneuver_time, starts, _absolute(problem, levels), tail, (), (), SNAP * reach)
     if np.count_nonzero(weights) < size:
         return None
     scaled = np.linalg.qr((columns * weights).T)[0].T
@@ -118,9 +121,13 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     return Repaired(
         solution.maneuver_time,
         starts,
-        tuple(problem.maneuver.rest + Fraction(float(level)) for level in levels),
+        _absolute(problem, levels),
         tail,
         tuple(int(i) for i in chosen),
         tuple(int(i) - len(levels) for i in free if i >= len(levels)),
         float(min(left.min(initial=np.inf), play.min(initial=np.inf) if len(free) > len(chosen) else np.inf)) / 4,
     )
+
+
+def _absolute(problem: Problem, levels: Reals) -> tuple[Fraction, ...]:
+    return tuple(problem.maneuver.rest + Fraction(float(level)) for level in levels)

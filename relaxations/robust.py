@@ -1,113 +1,217 @@
-"""Where in a box a command is worst: those places become samples of the program, until it holds between them too."""
+"""The least time for a whole box: samples of it share one program, and the worst places of its command become samples in their turn.
+
+At one time after the other the program is solved, instants and places at which its command exceeds the tolerance are added to it, and
+Newton's method goes on with what is left. The lower side may look where it likes; the upper side is proven over the whole box by the
+checker, so a command that is tried keeps a hair of margin between the samples.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
-from relaxations.bounds import Settings, bracket
-from relaxations.boxes import Box, Sample
-from relaxations.errors import SolverError
+from relaxations import programs
+from relaxations.bounds import Settings, exceeded, exponent_of, first_looks, grid_minimum, instants
+from relaxations.boxes import Box, Family, Listed, Place
 from relaxations.maneuvers import Problem, problem
 from relaxations.programs import GridSolution
+from relaxations.residuals import PERIODS, Sample
+from relaxations.scans import Scan, Staircase
+from relaxations.tails import Looks
 
 Reals = NDArray[np.float64]
 
 FIRST = {1: 7, 2: 4}  # samples of each parameter at first, by their number; 2 of more
-FINE = {1: 121, 2: 21}  # places of each parameter at which a command is tried; 7 of more
-ROUNDS = 8
+FINE = {1: 401, 2: 41, 3: 11}  # places of each parameter at which a command is tried, by their number; 5 of more
+NEARER = {1: 9, 2: 5}  # values of each parameter around a local maximum, in a round that looks for its top; 3 of more
+ZOOMS, SHRUNK = 8, 3.0  # such rounds, and by what its neighbourhood shrinks in each
 EXCESS = 1e-7  # relative: a tolerance that is exceeded by less is left to the hair that the proof keeps inside
-ROUGH = 1e-5  # of α, while places are still sought
+ROUGH = 1e-3  # of α, before the first places are sought
 TOLERANCE = 1e-7  # of α: closer to the root is closer than the grid
+ROUNDS = 60
+TOPS = 12  # local maxima over the box that become samples in one round, the worst ones
 
 
-def sampled(posed: Problem, settings: Settings, near: float | None = None) -> tuple[Problem, Settings]:
-    """The problem with as many samples as its box needs, and the settings for it; `near` is a guess at the minimum time [s]."""
-    maneuver, chosen = posed.maneuver, replace(settings, tolerance=max(settings.tolerance, TOLERANCE))
-    box = maneuver.box
+@dataclass(frozen=True, slots=True)
+class Sampled:
+    """The problem with the samples that its box needs, where its residuals are limited, and the program's solution (None: no command)."""
+
+    problem: Problem
+    looks: Looks
+    solution: GridSolution | None
+    below: GridSolution | None
+    programs: int
+
+
+def at_rest_at_once(posed: Problem) -> bool:
+    """Whether the final input itself, from the first instant on, leaves no more than the tolerance."""
+    if posed.size or posed.residuals is None:
+        return False
+    box, none = posed.maneuver.box, (np.zeros(1), np.zeros(0))
     assert box is not None
-    places = list(box.samples) or [box.nominal, *_grid(box, FIRST.get(len(box.axes), 2))]
-    fine = _grid(box, FINE.get(len(box.axes), 7))
-    looked = [Sample.of(place, box.family.member(place), posed.hold) for place in fine]
+    return not _worst(posed, *none, 1.0)
+
+
+def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, guess: float | None = None) -> Sampled:
+    """The root of α(T) = 1 with as many samples and instants as its command needs not to exceed the tolerance anywhere.
+
+    `near` is what was found of this problem, or one like it, before, `guess` a guess at its time [s]. Raises `SolverError`.
+    """
+    box, count = posed.maneuver.box, 0
+    assert box is not None
+    if near is None:
+        posed = _with_samples(posed, [*box.samples, box.nominal, *box.places(FIRST.get(len(box.axes), 2))])
+        looks = first_looks(posed)
+        first = grid_minimum(posed, replace(settings, tolerance=ROUGH), guess, looks)
+        count = first.count
+        if first.above is None:
+            return Sampled(posed, looks, None, first.below, count)
+        horizon = first.above.maneuver_time
+    else:
+        posed = _with_samples(posed, near.problem.maneuver.box.samples if near.problem.maneuver.box else ())
+        looks, horizon = near.looks, near.solution.maneuver_time if near.solution else 1.0
+    low, high, below = 0.0, math.inf, None
+    solution: GridSolution | None = None
+    tolerance = max(settings.tolerance, TOLERANCE)
     for _ in range(ROUNDS):
-        posed = problem(posed.plants, replace(maneuver, box=replace(box, samples=tuple(dict.fromkeys(places)))))
-        try:
-            found = bracket(posed, replace(chosen, tolerance=max(chosen.tolerance, ROUGH)), near)
-        except SolverError:
-            break
-        if found.upper is None or not isinstance(found.dual, GridSolution):
-            break
-        near = found.upper
-        worst = _worst(box, looked, found.dual, posed, 1.0 + EXCESS)
-        if not worst:
-            break
-        places += worst
-    return posed, chosen
+        count += 1
+        solution = programs.solve(programs.build(posed, instants(posed, horizon, settings), looks))
+        if solution.fraction < 1.0:
+            low, below = horizon, solution
+        else:
+            high = min(high, horizon)
+        close = 1.0 <= solution.fraction <= 1.0 + tolerance and solution.reaches
+        if over := exceeded(posed, solution):
+            looks, high = looks | over, math.inf  # with more conditions a time may be too short that was not before
+        elif abs(math.log(max(solution.fraction, 1e-300))) <= 100 * tolerance:
+            worst = _worst(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 + EXCESS)
+            more = _with_samples(posed, [*_samples(posed), *worst])
+            if len(_samples(more)) == len(_samples(posed)):
+                if close:
+                    break
+            else:
+                posed, looks, high = more, looks | _looks_of(posed, more), math.inf
+        horizon = _following(solution, tolerance, low, high)
+    assert solution is not None
+    return Sampled(posed, looks, solution, below, count)
+
+
+def within(found: Sampled, beyond: float, settings: Settings) -> tuple[Sampled, bool]:
+    """The program's solution a little `beyond` the minimum time (relative), its limits tightened in turn: nowhere is it over them.
+
+    Whether that is so is the second answer: where the margin is too small it is not.
+    """
+    posed, looks, inside = found.problem, found.looks, beyond / 4.0
+    assert found.solution is not None
+    horizon, solution = found.solution.maneuver_time * (1.0 + beyond), found.solution
+    for count in range(ROUNDS // 2):
+        solution = programs.solve(programs.build(posed, instants(posed, horizon, settings), looks, inside))
+        if not solution.reaches:
+            return Sampled(posed, looks, solution, found.below, count + 1), False
+        if over := exceeded(posed, solution, 1.0 - inside / 2):
+            looks |= over
+            continue
+        worst = _worst(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
+        more = _with_samples(posed, [*_samples(posed), *worst])
+        if len(_samples(more)) == len(_samples(posed)):
+            return Sampled(posed, looks, solution, found.below, count + 1), not worst
+        posed, looks = more, looks | _looks_of(posed, more)
+    return Sampled(posed, looks, solution, found.below, ROUNDS // 2), False
 
 
 def further(posed: Problem, solution: GridSolution, inside: float) -> Problem | None:
     """The problem with samples at the places where a solution whose limits are tightened by `inside` is not; None if there are none."""
+    worst = _worst(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
+    more = _with_samples(posed, [*_samples(posed), *worst])
+    return None if len(_samples(more)) == len(_samples(posed)) else more
+
+
+def _following(solution: GridSolution, tolerance: float, low: float, high: float) -> float:
+    """The next time to try: a hair beyond the root that the slope points at."""
+    time, off = solution.maneuver_time, -math.log(max(solution.fraction, 1e-300))
+    exponent = exponent_of(solution)
+    ratio = math.exp(min(max((math.log1p(tolerance / 2) + off) / exponent, -1.0), 1.0)) if exponent > 1e-6 else (1.5 if off > 0 else 0.75)
+    following = time * ratio
+    if low < following < high:
+        return following
+    return (low + high) / 2 if math.isfinite(high) else max(low * (1.0 + tolerance), following)
+
+
+def _samples(posed: Problem) -> tuple[Place, ...]:
+    assert posed.maneuver.box is not None
+    return posed.maneuver.box.samples
+
+
+def _with_samples(posed: Problem, places: list[Place] | tuple[Place, ...]) -> Problem:
     box = posed.maneuver.box
     assert box is not None
-    looked = [Sample.of(place, box.family.member(place), posed.hold) for place in _grid(box, FINE.get(len(box.axes), 7))]
-    worst = _worst(box, looked, solution, posed, 1.0 - inside / 2)
-    if not worst:
-        return None
-    return problem(posed.plants, replace(posed.maneuver, box=replace(box, samples=tuple(dict.fromkeys((*box.samples, *worst))))))
+    return problem(posed.plants, replace(posed.maneuver, box=replace(box, samples=tuple(dict.fromkeys(places)))))
 
 
-def _grid(box: Box, count: int) -> list[tuple[Fraction, ...]]:
-    """Places evenly over the box, its corners among them."""
-    sides = [sorted({a.low + (a.high - a.low) * Fraction(i, count - 1) for i in range(count)}) for a in box.axes]
-    return list(itertools.product(*sides))
-
-
-def _worst(box: Box, looked: Sequence[Sample], solution: GridSolution, posed: Problem, factor: float) -> list[tuple[Fraction, ...]]:
-    """The local maxima of the residual over the box that exceed `factor` times the tolerance."""
+def _looks_of(posed: Problem, more: Problem) -> Looks:
+    """Where the residuals of those samples are limited at first that a problem has more than another."""
     assert posed.residuals is not None
-    instants, levels = solution.program.instants, solution.levels / solution.fraction
-    sides = [len({sample.place[i] for sample in looked}) for i in range(len(box.axes))]
-    sizes = np.array([_size(sample, instants, levels) for sample in looked]).reshape(sides)
-    over = [at for at in np.ndindex(*sides) if sizes[at] > posed.residuals.allowed * factor and sizes[at] >= _around(sizes, at).max()]
-    return [_top(box, posed, solution, looked[int(np.ravel_multi_index(at, sides))].place) for at in over]
+    assert more.residuals is not None
+    known = len(posed.residuals.samples)
+    new = zip(more.residuals.begins[known:], more.residuals.samples[known:], strict=True)
+    return Looks(np.concatenate([np.zeros(0), *(begin + sample.looks() for begin, sample in new)]), np.zeros(0))
 
 
-def _size(sample: Sample, instants: Reals, levels: Reals) -> float:
-    return float(sample.peaks(sample.table(instants) @ levels - sample.rest)[1].max())
+def _worst(posed: Problem, instants: Reals, levels: Reals, factor: float) -> list[Place]:
+    """The local maxima of the residual over the box that exceed `factor` times the tolerance, the worst ones."""
+    box, residuals = posed.maneuver.box, posed.residuals
+    assert box is not None
+    assert residuals is not None
+    command, allowed = Staircase.of(instants, levels, posed.hold), residuals.allowed * factor
+    if isinstance(box.family, Listed):
+        samples = ((place, Sample.of(place, plant, posed.hold)) for place, plant in box.family.plants)
+        return [place for place, sample in samples if sample.peaks(sample.table(instants) @ levels - sample.rest)[1].max() > allowed]
+    sides = [np.linspace(float(a.low), float(a.high), _fine(box)) if a.high > a.low else np.array([float(a.low)]) for a in box.axes]
+    sizes = _scan(box, posed).sizes(command, PERIODS).reshape([len(side) for side in sides])
+    over = [at for at in np.ndindex(*sizes.shape) if sizes[at] > allowed and sizes[at] >= _around(sizes, at).max()]
+    over.sort(key=lambda at: -sizes[at])
+    return [_top(box, posed, command, np.array([side[i] for side, i in zip(sides, at, strict=True)])) for at in over[:TOPS]]
+
+
+def _fine(box: Box) -> int:
+    return FINE.get(len(box.axes), 5)
+
+
+@lru_cache(maxsize=4)
+def _scanned(family: Family, rigid: int, sides: tuple[tuple[float, float], ...], count: int) -> Scan:
+    values = [np.linspace(low, high, count) if high > low else np.array([low]) for low, high in sides]
+    return Scan.of(family, rigid, np.array(list(itertools.product(*values))))
+
+
+def _scan(box: Box, posed: Problem) -> Scan:
+    assert isinstance(box.family, Family)
+    return _scanned(box.family, posed.size, tuple((float(a.low), float(a.high)) for a in box.axes), _fine(box))
 
 
 def _around(sizes: Reals, at: tuple[int, ...]) -> Reals:
     return sizes[tuple(slice(max(i - 1, 0), i + 2) for i in at)]
 
 
-def _top(box: Box, posed: Problem, solution: GridSolution, start: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """The local maximum of the residual near a place."""
-    instants, levels = solution.program.instants, solution.levels / solution.fraction
+def _top(box: Box, posed: Problem, command: Staircase, start: Reals) -> Place:
+    """The local maximum of the residual near a place, by grids that shrink around the best place so far."""
+    assert isinstance(box.family, Family)
     low, high = (np.array([float(side) for side in sides]) for sides in zip(*((a.low, a.high) for a in box.axes), strict=True))
-    width = np.where(high > low, high - low, 1.0)
-
-    def place(x: Reals) -> tuple[Fraction, ...]:
-        near = (Fraction(round(float(value) * 2**40), 2**40) for value in low + x * width)
-        return tuple(min(max(value, axis.low), axis.high) for value, axis in zip(near, box.axes, strict=True))
-
-    allowed = float(box.tolerance * abs(posed.maneuver.displacement))
-
-    def size(x: Reals) -> float:
-        return -_size(Sample.of(place(x), box.family.member(place(x)), posed.hold), instants, levels)
-
-    begin = (np.array([float(value) for value in start]) - low) / width
-    span = 0.5 / (FINE.get(len(box.axes), 7) - 1)
-    found = minimize(
-        size,
-        begin,
-        method="Nelder-Mead",
-        bounds=[(max(x - 2 * span, 0.0), min(x + 2 * span, 1.0)) for x in begin],
-        options={"xatol": 1e-6, "fatol": EXCESS * allowed / 4, "initial_simplex": None, "maxfev": 60 * len(begin)},
+    count, width, best = NEARER.get(len(box.axes), 3), (high - low) / (_fine(box) - 1), start
+    for _ in range(ZOOMS):
+        values = [
+            np.linspace(max(x - w, a), min(x + w, b), count) if w > 0 else np.array([x])
+            for x, w, a, b in zip(best, width, low, high, strict=True)
+        ]
+        places = np.array([*itertools.product(*values), best])
+        best = places[int(np.argmax(Scan.of(box.family, posed.size, places).sizes(command, PERIODS)))]
+        width = width / SHRUNK
+    shares = (round(float(s) * 2**24) for s in (best - low) / np.where(high > low, high - low, 1.0))
+    return tuple(
+        axis.low + (axis.high - axis.low) * Fraction(min(max(s, 0), 2**24), 2**24) for s, axis in zip(shares, box.axes, strict=True)
     )
-    return place(np.asarray(found.x))

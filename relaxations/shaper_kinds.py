@@ -15,9 +15,10 @@ from relaxations.humps import extra_insensitive, unity_magnitude
 from relaxations.impulses import derivative_shaper, mzv, negative_zv
 from relaxations.insensitive import Band, specified
 from relaxations.plants import exact
+from relaxations.pulses import at_intervals, pulsed
 from relaxations.sampled_shapers import sampled
 from relaxations.shaper_modes import Mode
-from relaxations.shapers import Shaper, convolve
+from relaxations.shapers import Shaper, as_pulses, convolve
 
 TOLERANCE, BAND = 0.05, (0.8, 1.2)  # unless a request says otherwise
 
@@ -28,7 +29,9 @@ class Request:
 
     `tolerance` is a fraction of the unshaped vibration, `band` factors of each mode's frequency, `negative` the size of the negative
     impulse, `sums` bounds of the partial sums, `sample_time` [s] the grid of the instants; `simultaneous`: one solution for all modes
-    instead of a convolution of one for each.
+    instead of a convolution of one for each. `bands` (low, high, tolerance) take the place of band and tolerance: one for each mode, or
+    several for one mode. `pulse` [s] draws impulses out to pulses of this width, `height` [1/s] is that of all pulses; `impulses` are a
+    shaper that is given.
     """
 
     modes: tuple[Mode, ...]
@@ -38,6 +41,23 @@ class Request:
     sums: tuple[float, float] | None = None
     sample_time: float | None = None
     simultaneous: bool = False
+    bands: tuple[tuple[float, float, float], ...] = ()
+    pulse: float | None = None
+    height: float | None = None
+    impulses: Shaper | None = None
+
+    def reaches(self) -> tuple[tuple[int, Band], ...]:
+        """Every band with the number of its mode, from 0; raises `ShaperError` if bands and modes do not go together."""
+        modes, bands = self.modes, self.bands or ((*self.band, self.tolerance),)
+        if len(bands) == 1:
+            return tuple((i, Band(mode, *bands[0])) for i, mode in enumerate(modes))
+        if len(modes) == 1:
+            return tuple((0, Band(modes[0], *band)) for band in bands)
+        if len(modes) == len(bands):
+            return tuple((i, Band(mode, *band)) for i, (mode, band) in enumerate(zip(modes, bands, strict=True)))
+        raise ShaperError(
+            f"bands are one for all modes, one for each, or several for one mode; there are {len(bands)} for {len(modes)} modes"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +66,7 @@ class Least:
 
     duration: float
     among: str
+    pulses: bool = False  # whether it holds for impulses drawn out to pulses of one width, too, with this width added
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +89,7 @@ class Kind:
     needs: frozenset[str] = frozenset()
 
 
-OPTIONS = ("negative", "sums", "sample_time", "simultaneous")
+OPTIONS = ("negative", "sums", "sample_time", "simultaneous", "pulse", "height", "impulses")
 """Members of `Request` that belong to some kinds only."""
 
 
@@ -83,7 +104,17 @@ def make(name: str, request: Request) -> Made:
         wrong.append("a shaper needs at least one mode")
     if wrong:
         raise ShaperError("; ".join(wrong))
-    return kind.make(request, number)
+    made = kind.make(request, number)
+    return made if request.pulse is None or not made.shaper.times else _drawn_out(made, request.pulse)
+
+
+def _drawn_out(made: Made, width: float) -> Made:
+    """Pulses in place of the impulses. What impulses cannot do to the zeros of their sum, pulses of one width cannot either: their own
+    factor `(e^{κωw} - 1)/(κωw)` has none but at whole periods of an undamped mode."""
+    least = None
+    if made.least and made.least.pulses:
+        least = Least(math.nextafter(made.least.duration + width, 0.0), f"{made.least.among}, as pulses of one width")
+    return Made(as_pulses(made.shaper, width), least)
 
 
 def find(name: str) -> tuple[Kind, int]:
@@ -129,11 +160,11 @@ def _compared(shaper: Shaper | None, zeros: Sequence[tuple[Mode, int]]) -> Made:
         if shaper is None:
             raise
         return Made(shaper)  # a shaper all the same; that none is shorter is not proven
-    return Made(shaper or shortest.shaper, _least(shortest.lower, f"positive shapers with {order}"))
+    return Made(shaper or shortest.shaper, _least(shortest.lower, f"positive shapers with {order}", True))
 
 
-def _least(lower: float | None, among: str) -> Least | None:
-    return None if lower is None else Least(lower, among)
+def _least(lower: float | None, among: str, pulses: bool = False) -> Least | None:
+    return None if lower is None else Least(lower, among, pulses)
 
 
 def _humps(request: Request, number: int) -> Made:
@@ -154,11 +185,12 @@ def _negative(request: Request, number: int) -> Made:
 
 
 def _insensitive(request: Request, number: int) -> Made:
-    bands = [Band(mode, *request.band, request.tolerance) for mode in request.modes]
-    shortest = specified(bands)
-    alone = request.simultaneous or len(bands) == 1
-    shaper = shortest.shaper if alone else reduce(convolve, (specified([band]).shaper for band in bands))
-    return Made(shaper, _least(shortest.lower, "positive shapers within the tolerance over the band of each mode"))
+    reaches = request.reaches()
+    shortest = specified([band for _, band in reaches])
+    alone = request.simultaneous or len(request.modes) == 1
+    own = ([band for i, band in reaches if i == k] for k in range(len(request.modes)))
+    shaper = shortest.shaper if alone else reduce(convolve, (specified(bands).shaper for bands in own))
+    return Made(shaper, _least(shortest.lower, "positive shapers within the tolerance over every band"))
 
 
 def _unity(request: Request, number: int) -> Made:
@@ -180,21 +212,42 @@ def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> M
         )
     found = bounded(modes, low, high, number)
     proven = found.bound.lower if found.bound.status is Status.PROVED else None
-    return Made(found.shaper, _least(proven, f"sequences with partial sums in [{sums[0]:g}, {sums[1]:g}] and these zeros"))
+    return Made(found.shaper, _least(proven, f"sequences with partial sums in [{sums[0]:g}, {sums[1]:g}] and these zeros", True))
 
 
-_EITHER = frozenset({"simultaneous"})
+def _on_off(request: Request, number: int) -> Made:
+    height = request.height if request.height is not None else math.nan
+    if request.sample_time is None:
+        found = pulsed(request.modes, height, number)
+    else:
+        found = at_intervals(request.modes, height, request.sample_time, number)
+    proven = found.bound.lower if found.bound.status is Status.PROVED else None
+    return Made(found.shaper, _least(proven, f"pulses of at most {height:g} 1/s with these zeros"))
+
+
+def _given(request: Request, number: int) -> Made:
+    assert request.impulses is not None
+    if request.impulses.terms:
+        raise ShaperError("what is computed here of a shaper is about impulses or pulses; this one has decaying terms")
+    return Made(request.impulses)
+
+
+_EITHER = frozenset({"simultaneous", "pulse"})
+_PULSE = frozenset({"pulse"})
 KINDS = (
     # It takes every option, so that a request can be compared with what is left without a shaper by changing one word.
     Kind("none", "none", "unshaped: one impulse at once", lambda request, number: Made(Shaper((0.0,), (1.0,))), frozenset(OPTIONS)),
     Kind("zv, zvd, zvdd, zv-d:N", r"zv(?:(?P<d>d*)|-d:(\d+))", "zero vibration, and N derivatives of it", _derivatives,
          _EITHER | {"sample_time"}),
-    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps),
-    Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified),
+    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps, _PULSE),
+    Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE),
     Kind("si", "si", "the shortest within the tolerance over the band", _insensitive, _EITHER),
     Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity, _EITHER),
-    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps),
-    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, frozenset({"negative"}), frozenset({"negative"})),
+    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _PULSE),
+    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _PULSE | {"negative"}, frozenset({"negative"})),
     Kind("sums-zv, sums-zvd, sums-zv-d:N", r"sums-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest with partial sums within bounds", _sums,
-         frozenset({"sums", "simultaneous"}), frozenset({"sums"})),
+         _EITHER | {"sums"}, frozenset({"sums"})),
+    Kind("pulses-zv, pulses-zvd, pulses-zv-d:N", r"pulses-zv(?:(?P<d>d*)|-d:(\d+))", "pulses of one height and variable duration", _on_off,
+         frozenset({"height", "sample_time", "simultaneous"}), frozenset({"height"})),
+    Kind("custom", "custom", "impulses that are given", _given, _PULSE | {"impulses"}, frozenset({"impulses"})),
 )  # fmt: skip

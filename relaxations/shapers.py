@@ -4,8 +4,10 @@ Its impulse response is a sequence of impulses and, if it makes use of the plant
 
     h(t) = Σ A_i δ(t - t_i) + Σ Re(c τ^k e^{pτ}),   τ = t - start ≥ 0,   ∫ h dt = 1
 
-In the s-plane that is a sum of e^{-s start}/(s - p)^n (n = 0: an impulse), and so is a command. Convolution is the product, in partial
-fractions again: shapers for several modes are joined, and commands shaped, in closed form.
+or a sequence of pulses of finite duration in place of impulses (Singer and Seering, claims 3 to 6).
+
+In the s-plane that is a sum of e^{-s start}/(s - p)^n (n = 0: an impulse; p = 0, n = 1: the edge of a pulse), and so is a command.
+Convolution is the product, in partial fractions again: shapers for several modes are joined, and commands shaped, in closed form.
 """
 
 from __future__ import annotations
@@ -44,8 +46,22 @@ class ShaperTerm:
 
 
 @dataclass(frozen=True, slots=True)
+class Pulse:
+    """`height` [1/s] from `start` [s] on for `width` [s]."""
+
+    start: float
+    width: float
+    height: float
+
+    @property
+    def gain(self) -> float:
+        """Its integral."""
+        return self.width * self.height
+
+
+@dataclass(frozen=True, slots=True)
 class Shaper:
-    """Impulses of `amplitudes` at `times` [s], and decaying `terms`; the first of them acts at 0, the static gain is 1.
+    """Impulses of `amplitudes` at `times` [s] and decaying `terms`, or `pulses` alone; the first of them acts at 0, the static gain is 1.
 
     Raises `ShaperError`, which names everything that is wrong.
     """
@@ -53,6 +69,7 @@ class Shaper:
     times: tuple[float, ...]
     amplitudes: tuple[float, ...]
     terms: tuple[ShaperTerm, ...] = ()
+    pulses: tuple[Pulse, ...] = ()
 
     def __post_init__(self) -> None:
         if problems := list(self._mistakes()):
@@ -60,34 +77,52 @@ class Shaper:
 
     @property
     def duration(self) -> float:
-        """When its last impulse acts or its last term begins [s]."""
-        return max((*self.times, *(term.start for term in self.terms)))
+        """When its last impulse acts, its last term begins or its last pulse ends [s]."""
+        return max((*self.times, *(term.start for term in self.terms), *(pulse.start + pulse.width for pulse in self.pulses)))
 
     @property
     def gain(self) -> float:
-        """The static gain: amplitudes and integrals of the terms."""
-        return math.fsum((*self.amplitudes, *(term.gain for term in self.terms)))
+        """The static gain: amplitudes and integrals of the terms and pulses."""
+        return math.fsum((*self.amplitudes, *(part.gain for part in (*self.terms, *self.pulses))))
+
+    @property
+    def excitation(self) -> tuple[tuple[float, ...], tuple[float, ...], int]:
+        """What a mode sees: jumps at instants [s], of the impulses' integral (order 0) or of the pulses' height [1/s] (order 1)."""
+        if not self.pulses:
+            return self.times, self.amplitudes, 0
+        edges: dict[float, float] = defaultdict(float)
+        for pulse in self.pulses:
+            edges[pulse.start] += pulse.height
+            edges[pulse.start + pulse.width] -= pulse.height
+        times = sorted(time for time, jump in edges.items() if jump)
+        return tuple(times), tuple(edges[time] for time in times), 1
 
     def _mistakes(self) -> Iterator[str]:
         if len(self.times) != len(self.amplitudes):
             yield f"a shaper has one amplitude for each time; there are {len(self.times)} times and {len(self.amplitudes)} amplitudes"
         numbers = [x for t in self.terms for x in (t.start, t.rate.real, t.rate.imag, t.coefficient.real, t.coefficient.imag)]
+        numbers += [x for pulse in self.pulses for x in (pulse.start, pulse.width, pulse.height)]
         if not all(map(math.isfinite, (*self.times, *self.amplitudes, *numbers))):
             yield "a shaper holds finite numbers only"
             return
         for before, after in itertools.pairwise(self.times):
             if not before < after:
                 yield f"impulses stand in strictly ascending order: {after!r} s follows {before!r} s"
-        starts = [*self.times, *(term.start for term in self.terms)]
+        if self.pulses and (self.times or self.terms):
+            yield "a shaper has impulses and terms, or pulses alone"
+        yield from (f"a pulse lasts, this one for {pulse.width!r} s" for pulse in self.pulses if not pulse.width > 0.0)
+        starts = [*self.times, *(term.start for term in self.terms), *(pulse.start for pulse in self.pulses)]
         if not starts or min(starts) != 0.0:
             yield f"a shaper begins at 0 s; {f'this one at {min(starts)!r} s' if starts else 'this one is empty'}"
         growing = [term for term in self.terms if not (term.rate.real < 0.0 and term.power >= 0)]
         yield from (f"a shaper's term decays: rate {term.rate!r} with power {term.power} does not" for term in growing)
         if starts and not growing and abs(self.gain - 1.0) > GAIN_TOLERANCE:
-            yield f"amplitudes{' and integrals of the terms' if self.terms else ''} sum to 1, not to {self.gain!r}"
+            what = "integrals of the pulses" if self.pulses else f"amplitudes{' and integrals of the terms' if self.terms else ''}"
+            yield f"{what} sum to 1, not to {self.gain!r}"
 
     def to_dict(self) -> dict[str, Any]:
         """The shaper file as plain data (`slewcert-shaper/1`)."""
+        pulses = [{"start": p.start, "width": p.width, "height": p.height} for p in self.pulses]
         return {
             "format": FORMAT,
             "times": list(self.times),
@@ -101,6 +136,7 @@ class Shaper:
                 }
                 for t in self.terms
             ],
+            **({"pulses": pulses} if pulses else {}),
         }
 
     @staticmethod
@@ -117,6 +153,7 @@ class Shaper:
                     ShaperTerm(float(t["start"]), complex(*t["rate"]), operator.index(t["power"]), complex(*t["coefficient"]))
                     for t in data.get("terms", ())
                 ),
+                tuple(Pulse(float(p["start"]), float(p["width"]), float(p["height"])) for p in data.get("pulses", ())),
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
             raise ShaperError(f"malformed shaper file: {type(problem).__name__} {problem}") from None
@@ -133,7 +170,13 @@ class Shaper:
 
 def convolve(first: Shaper, second: Shaper) -> Shaper:
     """One after the other: what is left unexcited by either is left unexcited by both."""
+    if first.pulses and second.pulses:
+        raise ShaperError("pulses convolved with pulses are no pulses; convolve the impulses first, then make pulses of them")
     parts = _product(_parts_of(first), _parts_of(second), first.duration + second.duration)
+    if first.pulses or second.pulses:
+        if first.terms or second.terms:
+            raise ShaperError("pulses convolved with decaying terms are neither")
+        return _pulsed(parts)
     impulses = sorted((part.start, weight.real) for part, weight in parts.items() if part.order == 0)
     return Shaper(
         tuple(start for start, _ in impulses),
@@ -142,12 +185,40 @@ def convolve(first: Shaper, second: Shaper) -> Shaper:
     )
 
 
+def as_pulses(shaper: Shaper, width: float) -> Shaper:
+    """Each impulse drawn out to a pulse of `width` [s], of the same integral: what it leaves at rest stays there.
+
+    Raises `ShaperError` for a width that is not positive, and for a shaper with terms.
+    """
+    if not 0.0 < width < math.inf:
+        raise ShaperError(f"a pulse's width is positive and finite, not {width!r} s")
+    if shaper.terms or shaper.pulses:
+        raise ShaperError("pulses are made of impulses alone")
+    return Shaper((), (), (), tuple(Pulse(t, width, a / width) for t, a in zip(shaper.times, shaper.amplitudes, strict=True)))
+
+
+def _pulsed(parts: _Parts) -> Shaper:
+    """Edges (order 1) as pulses that follow each other."""
+    edges = sorted((part.start, weight.real) for part, weight in parts.items())
+    height, pulses = 0.0, []
+    largest = max(abs(jump) for _, jump in edges)
+    for (start, jump), (end, _) in itertools.pairwise(edges):
+        height += jump
+        if abs(height) > 1e-12 * largest:
+            pulses.append(Pulse(start, end - start, height))
+    return Shaper((), (), (), tuple(pulses))
+
+
 def shape(command: Command, shaper: Shaper, rest: float = 0.0) -> Command:
     """What the shaper makes of the command, exactly; `rest` is the input before the command's start (input units).
 
     Raises `ShaperError` if exponentials run before the last switch: segments and one tail cannot hold that (a running filter can).
     """
     parts = _product(_parts_of_command(command, rest), _parts_of(shaper), command.end + shaper.duration)
+    if curved := [part.start for part in parts if not part.rate and part.order > 2]:
+        raise ShaperError(
+            f"pulses make a parabola of a slope, from {min(curved)!r} s on, which segments cannot hold; shape a command of constant levels"
+        )
     instants = sorted({part.start for part in parts})
     terms = list(_real_terms(parts))
     end = instants[-1]
@@ -180,7 +251,10 @@ _Parts = dict[_Part, complex]
 
 def _parts_of(shaper: Shaper) -> _Parts:
     impulses = {_Part(time, 0j, 0): complex(amplitude) for time, amplitude in zip(shaper.times, shaper.amplitudes, strict=True)}
-    return _summed([*impulses.items(), *_conjugates((t.start, t.rate, t.power, t.coefficient) for t in shaper.terms)])
+    edges = [
+        (_Part(time, 0j, 1), complex(jump)) for p in shaper.pulses for time, jump in ((p.start, p.height), (p.start + p.width, -p.height))
+    ]
+    return _summed([*impulses.items(), *edges, *_conjugates((t.start, t.rate, t.power, t.coefficient) for t in shaper.terms)])
 
 
 def _parts_of_command(command: Command, rest: float) -> _Parts:

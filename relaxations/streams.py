@@ -10,7 +10,7 @@ A varying shaper reads A_i and t_i from a schedule at t_n: they and r are contin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,11 +34,9 @@ class Stream:
     def __init__(self, shaper: Shaper, sample_time: float, rest: float = 0.0) -> None:
         _require([shaper], sample_time)
         taps: dict[int, float] = {}
-        for time, amplitude in zip(shaper.times, shaper.amplitudes, strict=True):
-            whole, part = _split(time / sample_time)
-            for delay, weight in ((whole, (1.0 - part) * amplitude), (whole + 1, part * amplitude)):
-                if weight:
-                    taps[delay] = taps.get(delay, 0.0) + weight
+        for delay, weight in _taps(shaper, sample_time):
+            if weight:
+                taps[delay] = taps.get(delay, 0.0) + weight
         self.taps = tuple(sorted(taps.items()))
         self._memory = np.full(self.taps[-1][0], float(rest))
 
@@ -68,6 +66,8 @@ class Schedule:
             wrong.append(f"a schedule has one shaper for each instant; there are {len(self.instants)} and {len(self.shapers)}")
         if not all(map(math.isfinite, self.instants)) or any(b <= a for a, b in zip(self.instants, self.instants[1:], strict=False)):
             wrong.append(f"instants of a schedule ascend; these are {list(self.instants)}")
+        if any(shaper.pulses for shaper in self.shapers):
+            wrong.append("a schedule is made of impulses, not of pulses")
         counts = sorted({len(shaper.times) for shaper in self.shapers})
         if len(counts) > 1:
             wrong.append(f"shapers that turn into each other have as many impulses; these have {' and '.join(map(str, counts))}")
@@ -114,6 +114,23 @@ class VaryingStream:
         return shaped
 
 
+def _taps(shaper: Shaper, sample_time: float) -> Iterator[tuple[int, float]]:
+    """Whole samples of delay and weights; a pulse's are its integrals with the hats that make lines of samples."""
+    for time, amplitude in zip(shaper.times, shaper.amplitudes, strict=True):
+        whole, part = _split(time / sample_time)
+        yield from ((whole, (1.0 - part) * amplitude), (whole + 1, part * amplitude))
+    for pulse in shaper.pulses:
+        begin, end = pulse.start / sample_time, (pulse.start + pulse.width) / sample_time
+        for delay in range(math.floor(begin), math.ceil(end) + 1):
+            yield delay, pulse.height * sample_time * (_hat(end - delay) - _hat(begin - delay))
+
+
+def _hat(x: float) -> float:
+    """The integral of max(0, 1 - |x|) up to x."""
+    x = min(max(x, -1.0), 1.0)
+    return 0.5 * (1.0 + x) ** 2 if x <= 0.0 else 1.0 - 0.5 * (1.0 - x) ** 2
+
+
 def _split(delay: float) -> tuple[int, float]:
     """Whole samples, and the part of one that is left."""
     if abs(delay - round(delay)) <= ON_THE_GRID:
@@ -125,4 +142,4 @@ def _require(shapers: Sequence[Shaper], sample_time: float) -> None:
     if not 0.0 < sample_time < math.inf:
         raise ShaperError(f"a sample time is positive and finite, not {sample_time!r} s")
     if any(shaper.terms for shaper in shapers):
-        raise ShaperError("a stream takes impulses only; a shaper with decaying terms runs as an FMU (slewcert fmus export)")
+        raise ShaperError("a stream takes impulses and pulses; a shaper with decaying terms runs as an FMU (slewcert fmus export)")

@@ -152,7 +152,7 @@ def _shaper(shaper: Mapping[str, Any] | None) -> dict[str, Any] | None:
     reference = shaper["reference"]
     lasting = f", which takes {formatting.number(reference['maneuver_time'])} s,"
     what = {"step": "a step", "rigid": f"the fastest move of the rigid part{lasting}", "file": f"the command of a file{lasting}"}
-    (low, high), damping = shaper["box"]["frequency"], shaper["box"]["damping"]
+    damping = shaper["damping"]
     damped = "" if damping is None else f" and damping ratios from {formatting.number(damping[0])} to {formatting.number(damping[1])}"
     modes = (f"{formatting.number(m['frequency'])} rad/s with damping {formatting.number(m['damping'])}" for m in shaper["modes"])
     return {
@@ -161,8 +161,12 @@ def _shaper(shaper: Mapping[str, Any] | None) -> dict[str, Any] | None:
         "modes": ", ".join(modes),
         "impulses": list(zip(shaper["times"], shaper["amplitudes"], strict=True)),
         "least": shaper["least_duration"],
-        "worst": "{} to {}".format(*map(formatting.exact, shaper["worst_residual"])),
-        "box": f"frequencies from {formatting.number(low)} to {formatting.number(high)} times the modelled ones{damped}",
+        "bands": [
+            "mode {}: {} to {} of the unshaped vibration, over frequencies from {} to {} times the modelled one{}".format(
+                band["mode"], *map(formatting.exact, band["worst_residual"]), *map(formatting.number, band["frequency"]), damped
+            )
+            for band in shaper["bands"]
+        ],
     }
 
 

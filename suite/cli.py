@@ -296,11 +296,21 @@ def linearize(
 @click.argument("kind")
 @click.option("--mode", "modes", multiple=True, metavar="FREQUENCY(Hz|rad/s):DAMPING", help="A mode, such as 1.0Hz:0.05; one or several.")
 @click.option("--tolerance", type=float, default=0.05, show_default=True, help="Residual vibration allowed, a fraction of the unshaped.")
-@click.option("--band", metavar="LOW:HIGH", default="0.8:1.2", show_default=True, help="Frequencies, as factors of the mode's.")
+@click.option(
+    "--band",
+    multiple=True,
+    metavar="LOW:HIGH[@TOLERANCE]",
+    help="Frequencies, as factors of the mode's; one, or one for each mode, or several for one mode; default: 0.8:1.2.",
+)
 @click.option("--damping", metavar="LOW:HIGH", help="Damping ratios of the worst case; default: the mode's.")
 @click.option("--negative", type=float, help="Size of the negative amplitude (sna-zv).")
 @click.option("--sums", metavar="LOW:HIGH", help="Bounds of the partial sums (sums-zv).")
-@click.option("--sample-time", type=float, help="Seconds: impulses at its multiples only (zv-d:N).")
+@click.option(
+    "--sample-time", type=float, help="Seconds: impulses, or pulses of one height, begin at its multiples only (zv-d:N, pulses-zv)."
+)
+@click.option("--pulse", type=float, help="Seconds: draw every impulse out to a pulse of this width.")
+@click.option("--height", type=float, help="1/s: height of the pulses (pulses-zv).")
+@click.option("--impulses", metavar="INSTANT:AMPLITUDE,…|FILE.json", help="The impulses of a custom shaper.")
 @click.option("--simultaneous", is_flag=True, help="One solution for all modes, not one shaper after the other.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw sensitivity and step response to this file (SVG).")
 @click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),

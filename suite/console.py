@@ -373,11 +373,13 @@ def _shares(states: Sequence[str], participation: Sequence[float]) -> str:
 def show_shaper(done: Shaping) -> None:
     """Impulses, duration with its lower bound, insensitivity, and the proven worst case."""
     console = _out()
-    table = Table(escape("instant [s]"), "amplitude")
+    shaper = done.shaper
+    table = Table(*map(escape, ("from [s]", "for [s]", "height [1/s]") if shaper.pulses else ("instant [s]", "amplitude")))
     for column in table.columns:
         column.justify = "right"
-    for time, amplitude in zip(done.shaper.times, done.shaper.amplitudes, strict=True):
-        table.add_row(f"{time:.10f}", f"{amplitude:.10f}")
+    pulses = [(pulse.start, pulse.width, pulse.height) for pulse in shaper.pulses]
+    for row in pulses or zip(shaper.times, shaper.amplitudes, strict=True):
+        table.add_row(*(f"{number:.10f}" for number in row))
     console.print(table)
     for line in shaper_lines(done):
         console.print(escape(line), soft_wrap=True)

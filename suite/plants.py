@@ -70,7 +70,8 @@ def box(study: Study) -> Box:
         raise StudyError(str(study.file), [Mistake("plant", ABSENT, str(problem))]) from problem
     sides = ((axis, twin.parameters[axis.parameter]) for axis in study.uncertainties)
     axes = tuple(Axis(axis.parameter, nominal, Fraction(axis.lower), Fraction(axis.upper)) for axis, nominal in sides)
-    return Box(axes, family, Fraction(study.command.tolerance or 0))
+    final = study.command.final_tolerance
+    return Box(axes, family, Fraction(study.command.tolerance or 0), final_tolerance=None if final is None else Fraction(final))
 
 
 def _twin(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value]) -> LinearPlant:

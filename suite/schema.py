@@ -139,11 +139,15 @@ class Command(Section):
     modes: Annotated[tuple[Annotated[Text, AfterValidator(values.mode_text)], ...], BeforeValidator(values.items)] | None = None
     reference: Text | None = None
     band: Annotated[Interval, AfterValidator(values.factors)] | None = None
+    bands: Annotated[tuple[Text, ...], BeforeValidator(values.items)] | None = None
     damping: Annotated[Interval, AfterValidator(values.dampings)] | None = None
     negative: Positive | None = None
     sums: Interval | None = None
     sample_time: Positive | None = None
     simultaneous: StrictBool | None = None
+    pulse: Positive | None = None
+    height: Positive | None = None
+    impulses: Text | None = None
     delays: Count | None = None
     form: Text | None = None
     type: ProfileType | None = None

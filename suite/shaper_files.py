@@ -27,24 +27,27 @@ def chart(done: Shaping) -> str:
     """The same for a page."""
     from reports import charts
 
-    shaper, modes = done.shaper, done.request.modes
-    low, high = done.request.band
+    shaper, modes, bands = done.shaper, done.request.modes, [reach.band for reach in done.reaches]
+    times, amplitudes, order = shaper.excitation
+    low, high = min(band.low for band in bands), max(band.high for band in bands)
     margin = 0.5 * (high - low) + 0.1
     factors = np.linspace(max(low - margin, 0.01), high + margin, CURVE)
     slowest = max(mode.half_period for mode in modes)
     instants = np.linspace(-0.5 * slowest, shaper.duration + 4.0 * slowest, STEPS)
     labels = [f"{mode.frequency / (2 * math.pi):.4g} Hz, damping {mode.damping:.3g}" for mode in modes]
+    level = max(band.tolerance for band in bands)
+    passed = np.maximum(np.subtract.outer(instants, times), 0.0) if order else np.greater_equal.outer(instants, times)
     return charts.shaping(
         f"Shaper {done.kind}",
         factors,
-        {label: 100.0 * residual(shaper.times, shaper.amplitudes, factors * mode.frequency, mode.damping)
+        {label: 100.0 * residual(times, amplitudes, factors * mode.frequency, mode.damping, order)
          for label, mode in zip(labels, modes, strict=True)},
         instants,
-        np.sum([np.where(instants >= t, a, 0.0) for t, a in zip(shaper.times, shaper.amplitudes, strict=True)], axis=0),
-        {label: step_response(shaper.times, shaper.amplitudes, mode.frequency, mode.damping, instants)
+        passed @ np.array(amplitudes),
+        {label: step_response(times, amplitudes, mode.frequency, mode.damping, instants, order)
          for label, mode in zip(labels, modes, strict=True)},
-        band=done.request.band,
-        limit=charts.Limit(100.0 * done.request.tolerance, f"tolerance, {100.0 * done.request.tolerance:g} %"),
+        band=(low, high),
+        limit=charts.Limit(100.0 * level, f"tolerance, {100.0 * level:g} %"),
     )  # fmt: skip
 
 
@@ -68,6 +71,8 @@ def known(paths: Sequence[Path]) -> None:
 
 def export(done: Shaping, path: Path) -> None:
     """The shaper for other programs, by the file's ending (`known`)."""
+    if done.shaper.pulses:
+        raise SuiteError(f"{path}: firmware takes impulses, and this shaper is made of pulses; --save writes them")
     write_atomically(path, EXPORTS[path.suffix](done).encode())
 
 

@@ -21,8 +21,12 @@ def shaper_lines(done: Shaping) -> Iterator[str]:
     yield f"insensitivity at {100 * request.tolerance:g} %: {done.insensitivity:.6f} of the frequency (measured)"
     low, high = done.damping or (None, None)
     damping = "" if low is None else f", damping {low:g} to {high:g}"
-    box = f"frequency × {request.band[0]:g} to {request.band[1]:g}{damping}"
-    yield f"worst residual vibration, {box}: {_interval((done.worst.lower, done.worst.upper))}, mode {done.worst_mode}: proved"
+    several = bool(done.request.bands[1:])
+    for reach in done.reaches if several else [done.worst_reach]:
+        box = f"frequency × {reach.band.low:g} to {reach.band.high:g}{damping}"
+        sides = (reach.worst.lower, reach.worst.upper) if several else done.worst
+        allowed = f" (tolerance {reach.band.tolerance:g})" if several else ""
+        yield f"worst residual vibration, {box}: {_interval(sides)}, mode {reach.mode}: proved{allowed}"
 
 
 def study_lines(shaper: Mapping[str, Any]) -> Iterator[str]:
@@ -30,8 +34,9 @@ def study_lines(shaper: Mapping[str, Any]) -> Iterator[str]:
     least = shaper["least_duration"]
     proven = f", at least {least['lower']:.10g} s for {least['among']}: proved" if least else ""
     yield f"shaper {shaper['kind']}: {shaper['duration']:.10g} s{proven}"
-    band = "{:g} to {:g}".format(*shaper["box"]["frequency"])
-    yield f"its worst residual vibration, frequency × {band}: {_interval(shaper['worst_residual'])}: proved"
+    for band in shaper["bands"]:
+        box = "frequency × {:g} to {:g}".format(*band["frequency"])
+        yield f"its worst residual vibration, mode {band['mode']}, {box}: {_interval(band['worst_residual'])}: proved"
 
 
 def _interval(sides: Sequence[float]) -> str:

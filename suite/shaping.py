@@ -7,12 +7,14 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from pathlib import Path
 from typing import Any, TypeVar
 
 from relaxations.checking.worst import Worst, worst_residual
 from relaxations.errors import RelaxationsError, ShaperError
+from relaxations.insensitive import Band
 from relaxations.sensitivity import insensitivity
-from relaxations.shaper_kinds import KINDS, Least, Request, find, make, mistakes
+from relaxations.shaper_kinds import BAND, KINDS, TOLERANCE, Least, Request, find, make, mistakes
 from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper
 from suite.errors import SuiteError
@@ -30,42 +32,74 @@ class Asked:
 
     kind: str
     modes: Sequence[str]
-    tolerance: float = 0.05
-    band: str = "0.8:1.2"
+    tolerance: float = TOLERANCE
+    band: Sequence[str] = ()
     damping: str | None = None
     negative: float | None = None
     sums: str | None = None
     sample_time: float | None = None
     simultaneous: bool = False
+    pulse: float | None = None
+    height: float | None = None
+    impulses: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """A band of one mode (counted from 1), and the proven worst residual over it and the dampings."""
+
+    mode: int
+    band: Band
+    worst: Worst
 
 
 @dataclass(frozen=True, slots=True)
 class Shaping:
-    """The answer: the shaper, its least duration if known, its insensitivity at the tolerance, its proven worst residual over the box."""
+    """The answer: the shaper, its least duration if known, its insensitivity at the tolerance, its proven worst residual over each band."""
 
     kind: str
     request: Request
     shaper: Shaper
     least: Least | None
     insensitivity: float
-    worst: Worst
-    worst_mode: int
+    reaches: tuple[Reach, ...]
     damping: tuple[float, float] | None
+
+    @property
+    def worst(self) -> tuple[float, float]:
+        """The largest residual of all bands lies between these: it is at least the largest of their lower ends."""
+        return max(reach.worst.lower for reach in self.reaches), max(reach.worst.upper for reach in self.reaches)
+
+    @property
+    def worst_reach(self) -> Reach:
+        """The one with the largest lower end."""
+        return max(self.reaches, key=lambda reach: reach.worst.lower)
 
     def to_dict(self) -> dict[str, Any]:
         """The object of `shaper --json` (docs/schemas.md)."""
-        least = self.least and {"lower": self.least.duration, "among": self.least.among}
+        least, at = self.least and {"lower": self.least.duration, "among": self.least.among}, self.worst_reach
+        whole = self.shaper.to_dict()
         return {
             "kind": self.kind,
             "modes": [{"frequency": mode.frequency, "damping": mode.damping} for mode in self.request.modes],
-            "box": {"frequency": list(self.request.band), "damping": None if self.damping is None else list(self.damping)},
-            "times": list(self.shaper.times),
-            "amplitudes": list(self.shaper.amplitudes),
+            "damping": None if self.damping is None else list(self.damping),
+            "times": whole["times"],
+            "amplitudes": whole["amplitudes"],
+            "pulses": whole.get("pulses", []),
             "duration": self.shaper.duration,
             "least_duration": least,
             "insensitivity": {f"{self.request.tolerance:g}": self.insensitivity},
-            "worst_residual": [self.worst.lower, self.worst.upper],
-            "worst_at": {"mode": self.worst_mode, "frequency": self.worst.frequency, "damping": self.worst.damping},
+            "worst_residual": list(self.worst),
+            "worst_at": {"mode": at.mode, "frequency": at.worst.frequency, "damping": at.worst.damping},
+            "bands": [
+                {
+                    "mode": reach.mode,
+                    "frequency": [reach.band.low, reach.band.high],
+                    "tolerance": reach.band.tolerance,
+                    "worst_residual": [reach.worst.lower, reach.worst.upper],
+                }
+                for reach in self.reaches
+            ],
         }
 
 
@@ -83,21 +117,19 @@ def assess(kind: str, request: Request, damping: tuple[float, float] | None = No
 
     Raises `ShaperError`, `ImpossibleShaperError`, `SolverError`.
     """
+    reaches = request.reaches()
     made = make(kind, request)
-    times, amplitudes = made.shaper.times, made.shaper.amplitudes
+    times, amplitudes, order = made.shaper.excitation
     exact = [Fraction(t) for t in times], [Fraction(a) for a in amplitudes]
-    found: list[Worst] = []
-    for mode in request.modes:
-        low, high = damping or (mode.damping, mode.damping)
-        frequencies = [Fraction(repr(factor)) * Fraction(repr(mode.frequency)) for factor in request.band]
+    found: list[Reach] = []
+    for number, band in reaches:
+        low, high = damping or (band.mode.damping, band.mode.damping)
+        frequencies = [Fraction(repr(factor)) * Fraction(repr(band.mode.frequency)) for factor in (band.low, band.high)]
         box = (frequencies[0], frequencies[1]), (Fraction(repr(low)), Fraction(repr(high)))
-        found.append(worst_residual(*exact, *box, relative=PROVEN, absolute=PROVEN))
-    worst = max(range(len(found)), key=lambda i: found[i].upper)
-    width = min(insensitivity(times, amplitudes, mode.frequency, mode.damping, request.tolerance) for mode in request.modes)
-    # The largest residual of all modes is at least the largest of their lower ends.
-    bottom = max(found, key=lambda one: one.lower)
-    both = Worst(bottom.lower, found[worst].upper, bottom.frequency, bottom.damping, sum(one.cells for one in found))
-    return Shaping(kind, request, made.shaper, made.least, width, both, found.index(bottom) + 1, damping)
+        worst = worst_residual(*exact, *box, relative=PROVEN, absolute=PROVEN, order=order)
+        found.append(Reach(number + 1, band, worst))
+    width = min(insensitivity(times, amplitudes, mode.frequency, mode.damping, request.tolerance, order) for mode in request.modes)
+    return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping)
 
 
 def _request(asked: Asked) -> tuple[Request, tuple[float, float] | None]:
@@ -106,30 +138,43 @@ def _request(asked: Asked) -> tuple[Request, tuple[float, float] | None]:
     def tried(name: str, read: Callable[[], R]) -> R | None:
         try:
             return read()
-        except (ValueError, RelaxationsError) as problem:
+        except (ValueError, OSError, RelaxationsError) as problem:
             wrong.append(f"{name}: {problem}")
             return None
 
     modes = [tried(f"--mode {text}", lambda text=text: mode_of(text)) for text in asked.modes]
-    band = tried(f"--band {asked.band}", lambda: _interval(asked.band, "factors of the mode's frequency, such as 0.8:1.2"))
+    bands = [tried(f"--band {text}", lambda text=text: band_of(text, asked.tolerance)) for text in asked.band]
     damping = tried(f"--damping {asked.damping}", lambda: _interval(asked.damping, "damping ratios, such as 0:0.05"))
     sums = tried(f"--sums {asked.sums}", lambda: _interval(asked.sums, "bounds of the partial sums, such as -0.5:1.5"))
-    if band and band[0] <= 0.0:
-        wrong.append(f"--band {asked.band}: frequencies are positive")
     if damping and not (damping[0] >= 0.0 and damping[1] < 1.0):
         wrong.append(f"--damping {asked.damping}: damping ratios are at least 0 and less than 1")
     if not 0.0 < asked.tolerance < 1.0:
         wrong.append(f"--tolerance {asked.tolerance!r}: a fraction of the unshaped vibration, between 0 and 1")
-    if asked.negative is not None and not 0.0 < asked.negative < math.inf:
-        wrong.append(f"--negative {asked.negative!r}: the size of the negative amplitude, a positive number")
-    if asked.sample_time is not None and not 0.0 < asked.sample_time < math.inf:
-        wrong.append(f"--sample-time {asked.sample_time!r}: a positive number of seconds")
+    for option, value, what in (
+        ("negative", asked.negative, "the size of the negative amplitude, a positive number"),
+        ("sample-time", asked.sample_time, "a positive number of seconds"),
+        ("pulse", asked.pulse, "a positive number of seconds"),
+        ("height", asked.height, "a positive number, in 1/s"),
+    ):
+        if value is not None and not 0.0 < value < math.inf:
+            wrong.append(f"--{option} {value!r}: {what}")
+    given = None if asked.impulses is None else tried("--impulses", lambda: impulses_of(str(asked.impulses)))
     if not asked.modes:
         wrong.append("--mode is missing: a shaper needs at least one, such as --mode 1.0Hz:0.05")
     request = Request(
-        tuple(mode for mode in modes if mode), asked.tolerance, band or (0.8, 1.2), asked.negative, sums, asked.sample_time,
-        asked.simultaneous,
-    )  # fmt: skip
+        modes=tuple(mode for mode in modes if mode),
+        tolerance=asked.tolerance,
+        negative=asked.negative,
+        sums=sums,
+        sample_time=asked.sample_time,
+        simultaneous=asked.simultaneous,
+        bands=tuple(band for band in bands if band),
+        pulse=asked.pulse,
+        height=asked.height,
+        impulses=given,
+    )
+    if not wrong:
+        tried("--band", request.reaches)
     try:
         kind, _ = find(asked.kind)
         wrong += [f"--{option.replace('_', '-')} {problem}" for option, problem in mistakes(kind, asked.kind, request)]
@@ -147,6 +192,36 @@ def mode_of(text: str) -> Mode:
     if found is None:
         raise ValueError('must be FREQUENCY(Hz|rad/s):DAMPING, such as "1.0Hz:0.05"')
     return Mode(float(found[1]) * UNITS[found[2]], float(found[3]))
+
+
+def band_of(text: str, tolerance: float) -> tuple[float, float, float]:
+    """A band as it is written, "0.8:1.2" or "0.8:1.2@0.1" with a tolerance of its own; raises `ValueError`."""
+    factors, _, own = text.partition("@")
+    low, high = _interval(factors, "factors of the mode's frequency, such as 0.8:1.2") or BAND
+    if low <= 0.0:
+        raise ValueError("frequencies are positive")
+    try:
+        level = float(own) if own else tolerance
+    except ValueError:
+        raise ValueError(f"the tolerance {own!r} is no number") from None
+    if own and not 0.0 < level < 1.0:
+        raise ValueError(f"the tolerance {own} is no fraction of the unshaped vibration, between 0 and 1")
+    return low, high, level
+
+
+def impulses_of(text: str) -> Shaper:
+    """A shaper that is given: the path of its file, or "0:0.5,0.49:0.5", instants [s] and amplitudes.
+
+    Raises `ValueError`, `OSError`, `ShaperError`.
+    """
+    if text.endswith(".json"):
+        return Shaper.from_json(Path(text).read_text(encoding="utf-8"))
+    try:
+        pairs = [tuple(map(float, pair.split(":"))) for pair in text.split(",")]
+        times, amplitudes = zip(*((time, amplitude) for time, amplitude in pairs), strict=True)
+    except ValueError:
+        raise ValueError('must be INSTANT:AMPLITUDE,…, such as "0:0.5,0.49:0.5", or a shaper file, FILE.json') from None
+    return Shaper(times, amplitudes)
 
 
 def _interval(text: str | None, what: str) -> tuple[float, float] | None:

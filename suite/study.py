@@ -158,14 +158,15 @@ class CommandRequest:
     the one in `file` (`given`).
 
     `robustness` may count them mode by mode (`{"mode[2]": 1, "real[1]": 1}`), or be "box": every plant of the box may keep a residual of
-    `tolerance`, a fraction of the displacement. With `tail` only the output has to rest. The command begins `start` seconds after the
-    beginning of a run.
+    `tolerance`, a fraction of the displacement, and come to rest up to `final_tolerance` of it from the target (None: anywhere). With
+    `tail` only the output has to rest. The command begins `start` seconds after the beginning of a run.
     """
 
     kind: Literal["time-optimal", "shaper", "file"] = "time-optimal"
     robustness: int | Mapping[str, int] | Literal["box"] = 0
     tail: bool = False
     tolerance: Decimal | None = None
+    final_tolerance: Decimal | None = None
     start: Decimal = Decimal(0)
     file: Path | None = None
     given: Command | None = None

@@ -151,8 +151,8 @@ def _command(written: schema.Command, folder: Path, mistakes: list[Mistake]) -> 
     if written.kind == "shaper":
         shaper = understand_shaper(written, folder, mistakes)
         return None if shaper is None else CommandRequest("shaper", start=start, shaper=shaper)
-    tolerance = written.tolerance if written.robustness == "box" else None
-    return CommandRequest("time-optimal", written.robustness or 0, bool(written.tail), tolerance, start)
+    tolerance, final = (written.tolerance, written.final_tolerance) if written.robustness == "box" else (None, None)
+    return CommandRequest("time-optimal", written.robustness or 0, bool(written.tail), tolerance, final, start)
 
 
 def _within(command: Command, file: str | None, limits: schema.Limits, plant: Plant | None, mistakes: list[Mistake]) -> None:

@@ -26,10 +26,6 @@ UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     "limits.pulse_width": (_given, "limits.input alone limits the command"),
     "limits.pulses": (_given, "limits.input alone limits the command"),
     "command.kind": (_one_of("fuel-efficient", "pole-zero"), '"time-optimal", "shaper" and "file" are supported'),
-    "command.final_tolerance": (
-        _given,
-        "the final error of other plants than the nominal one is measured, by a requirement on final_error",
-    ),
     "command.type": (_given, "profiles of every type are searched"),
     "command.alpha": (_given, "fuel has no price"),
     "uncertainty.distribution": (_given, "range is supported"),
@@ -43,11 +39,15 @@ BELONGS: dict[str, tuple[str, ...]] = {
     "modes": ("shaper",),
     "reference": ("shaper",),
     "band": ("shaper",),
+    "bands": ("shaper",),
     "damping": ("shaper",),
     "negative": ("shaper",),
     "sums": ("shaper",),
     "sample_time": ("shaper",),
     "simultaneous": ("shaper",),
+    "pulse": ("shaper",),
+    "height": ("shaper",),
+    "impulses": ("shaper",),
     "delays": ("pole-zero",),
     "form": ("pole-zero",),
     "file": ("file",),
@@ -124,6 +124,8 @@ def _command(command: schema.Command) -> Iterator[Mistake]:
         if command.kind not in BELONGS[key]:
             kinds = " or ".join(f'"{kind}"' for kind in BELONGS[key])
             yield Mistake(f"command.{key}", getattr(command, key), f'means nothing for kind = "{command.kind}"; it belongs to {kinds}')
+    if command.band is not None and command.bands is not None:
+        yield Mistake("command.bands", list(command.bands), "contradicts band; give one of them")
     for key in NEEDS.get(command.kind, ()):
         if getattr(command, key) is None:
             yield Mistake(f"command.{key}", ABSENT, f'is missing; kind = "{command.kind}" needs it')

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
+from typing import TypeVar
 
 from relaxations.commands import Command
 from relaxations.errors import CommandError, RelaxationsError, ShaperError
 from relaxations.shaper_kinds import BAND, KINDS, TOLERANCE, Request, find, mistakes
-from relaxations.shaper_modes import Mode
+from relaxations.shapers import Shaper
 from suite import schema
 from suite.errors import Mistake
-from suite.shaping import mode_of
+from suite.shaping import band_of, impulses_of, mode_of
 from suite.study import ShaperRequest
 from suite.suggestions import did_you_mean
+
+R = TypeVar("R")
 
 
 def understand_shaper(written: schema.Command, folder: Path, wrong: list[Mistake]) -> ShaperRequest | None:
@@ -21,20 +25,24 @@ def understand_shaper(written: schema.Command, folder: Path, wrong: list[Mistake
     if written.shaper is None:
         return None
     before = len(wrong)
-    modes = []
-    for i, text in enumerate(written.modes or (), 1):
-        mode = _mode(text, f"command.modes[{i}]", wrong)
-        modes += [] if mode is None else [mode]
+    modes = [_read(lambda text=text: mode_of(text), text, f"command.modes[{i}]", wrong) for i, text in enumerate(written.modes or (), 1)]
     if written.modes == ():
         wrong.append(Mistake("command.modes", [], "is empty; without this key the modes are those of the plant"))
+    tolerance = TOLERANCE if written.tolerance is None else float(written.tolerance)
+    bands = [_read(lambda text=text: band_of(text, tolerance), text, f"command.bands[{i}]", wrong)
+             for i, text in enumerate(written.bands or (), 1)]  # fmt: skip
     request = Request(
-        modes=tuple(modes),
-        tolerance=TOLERANCE if written.tolerance is None else float(written.tolerance),
+        modes=tuple(mode for mode in modes if mode),
+        tolerance=tolerance,
         band=BAND if written.band is None else _pair(written.band),
         negative=_float(written.negative),
         sums=None if written.sums is None else _pair(written.sums),
         sample_time=_float(written.sample_time),
         simultaneous=bool(written.simultaneous),
+        bands=tuple(band for band in bands if band),
+        pulse=_float(written.pulse),
+        height=_float(written.height),
+        impulses=None if written.impulses is None else _impulses(written.impulses, folder, wrong),
     )
     try:
         kind, _ = find(written.shaper)
@@ -65,12 +73,19 @@ def read_command(file: str, folder: Path, place: str, wrong: list[Mistake]) -> C
     return None
 
 
-def _mode(text: str, place: str, wrong: list[Mistake]) -> Mode | None:
+def _read(read: Callable[[], R], value: object, place: str, wrong: list[Mistake]) -> R | None:
     try:
-        return mode_of(text)
+        return read()
+    except OSError as problem:
+        wrong.append(Mistake(place, value, f"{problem.filename} cannot be read: {problem.strerror}"))
     except (ValueError, RelaxationsError) as problem:
-        wrong.append(Mistake(place, text, str(problem)))
-        return None
+        wrong.append(Mistake(place, value, str(problem)))
+    return None
+
+
+def _impulses(text: str, folder: Path, wrong: list[Mistake]) -> Shaper | None:
+    file = str((folder / text).expanduser()) if text.endswith(".json") else text
+    return _read(lambda: impulses_of(file), text, "command.impulses", wrong)
 
 
 def _float(number: Decimal | None) -> float | None:

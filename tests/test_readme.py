@@ -184,7 +184,6 @@ def test_what_is_not_there_yet_is_named():
         "limits.pulse_width": "shortest pulses",
         "limits.pulses": "pulses",
         "command.kind": "fuel-efficient commands",
-        "command.final_tolerance": "a tolerance of the final error",
         "command.type": "fuel-efficient commands",
         "command.alpha": "fuel-efficient commands",
         "maneuver.initial_state": "an initial state",

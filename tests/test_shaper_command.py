@@ -43,6 +43,8 @@ KINDS = {
     "mzv": [],
     "sna-zv": ["--negative", "0.4"],
     "sums-zv": ["--sums", "-0.5:1.5"],
+    "custom": ["--impulses", "0:0.25,0.3:0.5,0.7:0.25"],
+    "none": [],
 }
 
 
@@ -63,6 +65,8 @@ def test_every_kind_makes_a_shaper_for_two_modes(kind: str):
     assert lower <= worst * (1 + 1e-5)  # of the grid's own distance from a peak
     least = found["least_duration"]
     assert least is None or least["lower"] <= found["duration"] * (1 + 1e-15)
+    if kind in ("custom", "none"):
+        return
     at_modes = max(float(residual(found["times"], found["amplitudes"], w, z)[0]) for w, z in ((2 * np.pi, 0.05), (17.0, 0.02)))
     # A factor with negative impulses may amplify what the other one leaves, up to the sum of its amplitudes' sizes.
     assert at_modes <= (0.1 if kind == "si" else 1e-9 if "ei" not in kind else 0.05 * (1 + 1e-9) if "um" not in kind else 0.05 * 7)

@@ -68,7 +68,7 @@ def check(content: bytes) -> Check:
                 boxes.sensible(certificate.task)
                 posed = system(certificate.task)
                 if claimed.impossible is not None:
-                    lower.impossible(posed, claimed.impossible)
+                    lower.impossible(posed, claimed.impossible, certificate.lower)
                 if claimed.lower:
                     lower.prove(posed, certificate.lower, claimed.lower)
                 if claimed.upper is not None:

@@ -98,9 +98,13 @@ LIMITS = {
 # Plants whose coefficients are polynomials in parameters: sums of terms, a number and the power of each parameter. Every plant of the box,
 # the one written (nominal values) among them, may keep a residual of `tolerance` times the displacement.
 TERMS: list[Any] = [(real, [natural, 1, 8]), 0, 1000]
-COEFFICIENTS: list[Any] = [TERMS, 1, MOST_POLES + 1]  # the highest power of s first
+# Where no such polynomials are known they are empty, and the box is the plants listed instead. The final rest values of all may be off
+# the target by `final_tolerance` times the displacement (null: by any amount).
+COEFFICIENTS: list[Any] = [TERMS, 0, MOST_POLES + 1]  # the highest power of s first
 PARAMETER = {"name": name, "nominal": real, "low": real, "high": real}
-BOX = {"parameters": [PARAMETER, 1, 8], "numerator": COEFFICIENTS, "denominator": COEFFICIENTS, "tolerance": real}
+LISTED = {"place": [real, 1, 8], "numerator": POLYNOMIAL, "denominator": POLYNOMIAL}
+FORM = {"numerator": COEFFICIENTS, "denominator": COEFFICIENTS, "plants": [LISTED, 0, 1000]}
+BOX = {"parameters": [PARAMETER, 1, 8], **FORM, "tolerance": real, "final_tolerance": (None, real)}
 TASK = {
     "plants": [PLANT, 1, 1],
     "box": (None, BOX),
@@ -122,7 +126,7 @@ SEGMENTS = [{"start": real, "level": real}, 0, MOST_SEGMENTS]
 FREE = [({"time", "start", "level", "re", "im"}, natural, natural), 0, 2 * MOST_POLES]
 UPPER = {"maneuver_time": real, "segments": SEGMENTS, "tail": CHAINS, "free": FREE, "radius": real}
 # sides of the least maneuver time [s] (null: not claimed), or the criterion by which the task is impossible
-CLAIM = {"lower": (None, real), "upper": (None, real), "impossible": (None, {"face", "remainder", "fuel"})}
+CLAIM = {"lower": (None, real), "upper": (None, real), "impossible": (None, {"face", "remainder", "fuel", "final"})}
 SCHEMA = {"format": {"slewcert-certificate/1"}, "task": TASK, "claim": CLAIM, "lower": (None, LOWER), "upper": (None, UPPER)}
 
 

@@ -40,14 +40,17 @@ def worst_residual(
     damping: tuple[Fraction, Fraction],
     relative: float = 1e-6,
     absolute: float = 1e-9,
+    order: int = 0,
 ) -> Worst:
-    """Enclose `max |F|` over natural frequencies [rad/s] and damping ratios, exact numbers all, to `relative` or `absolute`.
+    """Enclose `max |F| / ω^order` over natural frequencies [rad/s] and damping ratios, exact numbers all, to `relative` or `absolute`.
+
+    Of impulses the order is 0, of pulses 1: the amplitudes are then the jumps at their edges.
 
     What takes more than `MOST_CELLS` cells is enclosed as closely as they tell.
     """
     before, flint.ctx.prec = flint.ctx.prec, BITS
     try:
-        return _enclosed(_Impulses(times, amplitudes), (*map(_arb, frequency),), (*map(_arb, damping),), relative, absolute)
+        return _enclosed(_Impulses(times, amplitudes, order), (*map(_arb, frequency),), (*map(_arb, damping),), relative, absolute)
     finally:
         flint.ctx.prec = before
 
@@ -57,11 +60,12 @@ def _arb(number: Fraction) -> arb:
 
 
 class _Impulses:
-    def __init__(self, times: Sequence[Fraction], amplitudes: Sequence[Fraction]) -> None:
+    def __init__(self, times: Sequence[Fraction], amplitudes: Sequence[Fraction], order: int) -> None:
+        self.order = order
         self.pairs = [(_arb(t - times[-1]), _arb(a)) for t, a in zip(times, amplitudes, strict=True)]
 
     def square(self, omega: arb, zeta: arb) -> tuple[arb, arb, arb]:
-        """|F|² and its derivatives by ω and ζ."""
+        """|F|²/ω^(2 order) and its derivatives by ω and ζ."""
         root = (1 - zeta * zeta).sqrt()
         direction, turning = acb(zeta, root), acb(1, -zeta / root)
         value = by_omega = by_zeta = acb(0)
@@ -72,7 +76,11 @@ class _Impulses:
             by_zeta += motion * turning * omega * since
         mirrored = value.conjugate()
         size = value.real * value.real + value.imag * value.imag
-        return size, 2 * (mirrored * by_omega).real, 2 * (mirrored * by_zeta).real
+        slope, rise = 2 * (mirrored * by_omega).real, 2 * (mirrored * by_zeta).real
+        if self.order:
+            scale = omega ** (2 * self.order)
+            return size / scale, (slope - 2 * self.order * size / omega) / scale, rise / scale
+        return size, slope, rise
 
 
 def _enclosed(impulses: _Impulses, frequency: tuple[arb, ...], damping: tuple[arb, ...], relative: float, absolute: float) -> Worst:

@@ -1,0 +1,139 @@
+"""What the plants of a box may leave of the move: rows of the program that bound the output about its final value, instant by instant.
+
+The moments at the origin are the same functions in every plant, so all of them rest together there, exactly. Beside it each plant of the
+box may move (../docs/theory.md, section 3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from relaxations.boxes import Place, at
+from relaxations.errors import ManeuverError
+from relaxations.moments import Basis
+from relaxations.plants import LinearPlant
+
+Reals = NDArray[np.float64]
+
+PERIODS = 8.0  # of the slowest mode: how long after the command a residual is looked at
+LOOKS = 12  # instants in a period of the fastest mode at first
+MISSED = 1e-7  # relative excess between two instants that calls for another one
+WORST = 4  # instants of one plant that are added at a time
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One plant of the box at `place`: poles beside the origin, the weights of their moments in the output, their moments at rest."""
+
+    place: Place
+    basis: Basis
+    weights: Reals
+    rest: Reals
+    lasts: float  # how long its residual is looked at [s]
+
+    @staticmethod
+    def of(place: Place, plant: LinearPlant, hold: float) -> Sample:
+        """Raises `ManeuverError` for an unstable plant (it is nowhere at rest after a command) and for repeated poles."""
+        for pole in plant.poles:
+            where = f"the plant {at(place)} in the box"
+            if pole.value.real > 1e-12 * abs(pole.value):
+                raise ManeuverError(f"{where} is unstable: pole {pole.value:.6g}")
+            if not pole.is_rigid and pole.multiplicity > 1:
+                raise ManeuverError(f"{where} has the repeated pole {pole.value:.6g}: beside the origin a box is about simple poles")
+        rigid = plant.rigid_order
+        basis = Basis(tuple(pole for pole in plant.poles if not pole.is_rigid))
+        weights = Basis(tuple(plant.poles)).weights(plant.partial())[rigid:]
+        slowest = min((abs(pole.value) for pole in basis.poles), default=1.0)
+        periods = PERIODS if basis.size > 2 or any(pole.value.real for pole in basis.poles) else 1.0  # one undamped mode repeats itself
+        return Sample(place, basis, weights, basis.hold(hold), 2 * np.pi * periods / slowest)
+
+    @property
+    def fastest(self) -> float:
+        """The largest |p| [1/s]."""
+        return max((abs(pole.value) for pole in self.basis.poles), default=1.0)
+
+    def rows(self, since: Reals) -> Reals:
+        """The output about its final value at `since` [s] after the command, for each unit moment about the rest: (len(since), n)."""
+        units = [self.weights @ self.basis.free(unit, since) for unit in np.eye(self.basis.size)]
+        return np.array(units).T if units else np.zeros((len(since), 0))
+
+    def table(self, instants: Reals) -> Reals:
+        """The moments at the end of the grid of a unit level in each cell: (n, cells)."""
+        integrated = self.basis.rows(instants[-1] - instants, 1)
+        return integrated[:, :-1] - integrated[:, 1:]
+
+    def looks(self) -> Reals:
+        """Instants at which the residual is limited at first: a period of the fastest mode."""
+        return np.linspace(0.0, min(2 * np.pi / self.fastest, self.lasts), LOOKS, endpoint=False)
+
+    def peaks(self, moments: Reals) -> tuple[Reals, Reals]:
+        """Instants of the local extremes (and the first instant) of the residual that moments about the rest leave; its size there."""
+        fine = np.linspace(0.0, self.lasts, int(24 * self.lasts * self.fastest / (2 * np.pi)) + 3)
+        course = self.rows(fine) @ moments
+        turns = np.flatnonzero((course[1:-1] - course[:-2]) * (course[2:] - course[1:-1]) <= 0.0) + 1
+        y0, y1, y2 = course[turns - 1], course[turns], course[turns + 1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shift = np.nan_to_num((y0 - y2) / (2 * (y0 - 2 * y1 + y2)), posinf=0.0, neginf=0.0)
+        found = np.concatenate([[0.0], fine[turns] + np.clip(shift, -1, 1) * (fine[1] - fine[0])])
+        return found, np.abs(self.rows(found) @ moments)
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """What the samples of a box leave after the command: `|r| ≤ allowed` (output units) at instants of each.
+
+    Instants count on one axis: those of sample k from `begins[k]` on, which is after all of the sample before.
+    """
+
+    samples: tuple[Sample, ...]
+    allowed: float
+
+    @property
+    def begins(self) -> Reals:
+        """Where the instants of each sample begin."""
+        return np.concatenate([[0.0], np.cumsum([2.0 * sample.lasts for sample in self.samples])])[:-1]
+
+    def owner(self, looks: Reals) -> NDArray[np.intp]:
+        """The sample that each instant on the one axis belongs to."""
+        return np.searchsorted(self.begins, looks, side="right") - 1
+
+    def split(self, looks: Reals) -> list[Reals]:
+        """Instants [s] after the command, sample by sample, of instants on the one axis."""
+        owner = self.owner(looks)
+        return [looks[owner == k] - begin for k, begin in enumerate(self.begins)]
+
+    def looks(self) -> Reals:
+        """Instants at which the residuals are limited at first."""
+        return np.concatenate([begin + sample.looks() for begin, sample in zip(self.begins, self.samples, strict=True)])
+
+    def table(self, instants: Reals) -> Reals:
+        """The moments of all samples at the end of the grid of a unit level in each cell: (n, cells)."""
+        return np.vstack([sample.table(instants) for sample in self.samples])
+
+    def rows(self, looks: Reals) -> tuple[Reals, Reals]:
+        """`R` (looks, n) and `e` (looks,): the residuals R M - α e of the moments M of all samples."""
+        parts = [(sample.rows(since), sample.rest) for sample, since in zip(self.samples, self.split(looks), strict=True)]
+        return np.asarray(block_diag(*(rows for rows, _ in parts))), np.concatenate([rows @ rest for rows, rest in parts])
+
+    def exceeded(self, instants: Reals, levels: Reals, factor: float = 1.0 + MISSED) -> Reals:
+        """Instants of local extremes beyond `factor` times the tolerance, of levels that reach the target."""
+        found = []
+        for begin, sample in zip(self.begins, self.samples, strict=True):
+            peaks, sizes = sample.peaks(sample.table(instants) @ levels - sample.rest)
+            over = np.flatnonzero(sizes > self.allowed * factor)
+            found.append(begin + peaks[over[np.argsort(-sizes[over], kind="stable")[:WORST]]])
+        return np.concatenate(found)
+
+    def costates(self, multipliers: Sequence[tuple[float, float, float]]) -> list[Reals]:
+        """What multipliers (instant on the one axis, μ⁺, μ⁻) add to the costate of each sample's moments."""
+        looks = np.array([look for look, _, _ in multipliers])
+        forces = np.array([above - below for _, above, below in multipliers])
+        owner = self.owner(looks)
+        return [
+            forces[owner == k] @ sample.rows(since) for k, (sample, since) in enumerate(zip(self.samples, self.split(looks), strict=True))
+        ]

@@ -1,0 +1,99 @@
+"""The residual that a command leaves over many places of a box at once, in floating point: where to look, not what is true."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relaxations.boxes import Family
+
+Reals = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+PER_PERIOD = 24  # instants in a period of the fastest mode
+MOST = 20_000  # instants for one plant
+LASTING = 1e-9  # -Re p / |p|: with less, two modes meet at their worst at last, however long that takes
+CHUNK = 1_000_000  # instants of all plants that are looked at together
+
+
+@dataclass(frozen=True, slots=True)
+class Staircase:
+    """A command: times to go [s] of its jumps, the last one to its final value at 0, and their heights."""
+
+    to_go: Reals
+    jumps: Reals
+
+    @staticmethod
+    def of(instants: Reals, levels: Reals, hold: float) -> Staircase:
+        """From levels on the grid of `instants` [s] and the input afterwards."""
+        return Staircase(instants[-1] - instants, np.diff(np.concatenate([[0.0], levels, [hold]])))
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """Plants of a box at `places` (k, parameters): poles beside the origin with Im ≥ 0 and the weights N/D' of their motions, (k, n)."""
+
+    places: Reals
+    poles: Complexes
+    weights: Complexes
+
+    @staticmethod
+    def of(family: Family, rigid: int, places: Reals) -> Scan:
+        """The plants of a family whose poles at the origin are `rigid`."""
+        above, below = family.coefficients(places)
+        trimmed = below[:, : below.shape[1] - rigid]
+        order = trimmed.shape[1] - 1
+        companion = np.zeros((len(places), order, order))
+        companion[:, np.arange(1, order), np.arange(order - 1)] = 1.0
+        if order:
+            companion[:, 0, :] = -trimmed[:, 1:] / trimmed[:, :1]
+        poles: Complexes = np.linalg.eigvals(companion).astype(np.complex128) if order else np.zeros((len(places), 0), np.complex128)
+        slopes = below[:, :-1] * np.arange(below.shape[1] - 1, 0, -1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            weights = _valued(above, poles) / _valued(slopes, poles)
+        counted = np.where(poles.imag > 0, 2.0, np.where(poles.imag < 0, 0.0, 1.0))
+        # Plants that are unstable or drift are refused where they are met; here they must only not be in the way.
+        sound = np.where(poles == 0.0, 1e-300, np.minimum(poles.real, 0.0) + 1j * poles.imag)
+        return Scan(places, sound, np.nan_to_num(weights * counted, posinf=0.0, neginf=0.0))
+
+    def sizes(self, command: Staircase, periods: float) -> Reals:
+        """The peak of each plant's residual, looked at for so many `periods` of its slowest mode; where modes last, their sum."""
+        if not self.poles.shape[1]:
+            return np.zeros(len(self.places))
+        grown = np.exp(self.poles[:, :, None] * command.to_go)
+        motions = self.weights / self.poles * (grown @ command.jumps)
+        moduli = np.abs(motions)
+        fastest, slowest = np.abs(self.poles).max(axis=1), np.abs(self.poles).min(axis=1)
+        count = int(min(PER_PERIOD * periods * (fastest / slowest).max(), MOST)) + 3
+        steps = 2 * np.pi * periods / slowest / (count - 1)
+        lasting = (-self.poles.real <= LASTING * np.abs(self.poles)).all(axis=1)
+        peaks = np.where(lasting, moduli.sum(axis=1), 0.0)
+        for part in np.array_split(np.flatnonzero(~lasting), int(np.count_nonzero(~lasting) * count // CHUNK) + 1):
+            peaks[part] = _peaks(motions[part], self.poles[part], steps[part], count)
+        return peaks
+
+
+def _peaks(motions: Complexes, poles: Complexes, steps: Reals, count: int) -> Reals:
+    """`max |Re Σ_j Z_j e^{p_j τ}|` over `count` instants from 0 on, and where a parabola through the largest has its top: (k,)."""
+
+    def course(times: Reals) -> Reals:
+        return np.sum([(z[:, None] * np.exp(p[:, None] * times)).real for z, p in zip(motions.T, poles.T, strict=True)], axis=0)
+
+    values = course(np.arange(count) * steps[:, None])
+    rows, top = np.arange(len(values)), np.clip(np.abs(values).argmax(axis=1), 1, count - 2)
+    before, at, after = (values[rows, top + k] for k in (-1, 0, 1))
+    bend = before - 2 * at + after
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shift = np.clip(np.nan_to_num((before - after) / (2 * bend)), -1, 1)
+    near = course(np.maximum(top + shift, 0.0)[:, None] * steps[:, None])[:, 0]
+    return np.maximum(np.abs(values).max(axis=1), np.abs(near))
+
+
+def _valued(coefficients: Reals, points: Complexes) -> Complexes:
+    """Polynomials, highest power first, (k, n) at `points` (k, m), by Horner's rule."""
+    total = np.zeros(points.shape, complex)
+    for column in coefficients.T:
+        total = total * points + column[:, None]
+    return total
