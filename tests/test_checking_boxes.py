@@ -1,4 +1,4 @@
-"""Robust tasks as a liar would write them: boxes with poles that come and go, that hide behind each other, or that cost too much to look at."""
+"""Robust tasks as a liar would write them: poles that come and go, that hide behind each other, or that cost too much to look at."""
 
 from __future__ import annotations
 
@@ -87,6 +87,30 @@ def test_the_words_of_a_robust_task_promise_no_rest() -> None:
     words = claim(found(of, "1", held("1", "1")))
     assert "stays at rest" not in words
     assert "residual |y(t) - y(∞)| for t ≥ T is at most 1.01 of the displacement" in words
+
+
+def listed(nominal: dict[str, list[str]], other: dict[str, list[str]], final: str) -> dict[str, Any]:
+    """A robust task about two plants."""
+    of = task(nominal["numerator"], nominal["denominator"], limits=("-5", "5"))
+    plants = [{"place": ["0"], **nominal}, {"place": ["1"], **other}]
+    form = {"numerator": [], "denominator": [], "plants": plants}
+    parameter = {"name": "k", "nominal": "0", "low": "0", "high": "1"}
+    return {**of, "box": {"parameters": [parameter], **form, "tolerance": "5", "final_tolerance": final}}
+
+
+def test_no_task_is_impossible_for_a_final_error_that_it_has_not() -> None:
+    """By its lowest coefficients: those of the same gain with other signs, and those of a plant without the nominal one's integrator."""
+    witness = lower_witness(["1"])
+
+    def impossible(of: dict[str, Any]) -> Outcome:
+        return check(certificate(of, impossible="final", witnesses=witness)).outcome
+
+    nominal, cart = {"numerator": ["1"], "denominator": ["1", "1"]}, {"numerator": ["1"], "denominator": ["1", "1", "0"]}
+    assert impossible(listed(nominal, {"numerator": ["-1"], "denominator": ["1", "-1"]}, "0.1")) is not Outcome.PROVED
+    assert impossible(listed(cart, {"numerator": ["1"], "denominator": ["1", "0.1", "0.1"]}, "2")) is not Outcome.PROVED
+    # Must be proven: twice the gain, and a tenth of the drag.
+    assert impossible(listed(nominal, {"numerator": ["2"], "denominator": ["1", "1"]}, "0.1")) is Outcome.PROVED
+    assert impossible(listed(cart, {"numerator": ["1"], "denominator": ["1", "0.1", "0"]}, "2")) is Outcome.PROVED
 
 
 LONG = "1." + "3" * 1990
