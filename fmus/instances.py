@@ -362,11 +362,16 @@ def load(library: Path) -> ctypes.CDLL:
         raise FmuError(f"the FMU's binary cannot be loaded: {words}") from None
 
 
-def format_messages(callbacks: ctypes.Structure) -> None:
-    """Put a C function before the logger that formats a message with its variadic arguments, which Python cannot receive."""
+_formatted: dict[str, object] = {}
+"""The logger that the C function calls, whoever logs in this process: it must outlive its instance."""
+
+
+def format_messages(callbacks: ctypes.Structure, logger: object) -> None:
+    """Put a C function before the `logger` of `callbacks` that formats messages with their variadic arguments, unknown to Python."""
     add = _formatter()
     if add is not None:
         add(byref(callbacks))
+        _formatted["logger"] = logger
 
 
 @cache

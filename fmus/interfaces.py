@@ -76,7 +76,7 @@ class Instance2(Instance):
         self._keep = logger  # the FMU calls it as long as it lives
         pointers = (ctypes.cast(f, c_void_p) for f in (logger, _C.calloc, _C.free))
         self._callbacks = _Callbacks2(*pointers, None, None)
-        format_messages(self._callbacks)
+        format_messages(self._callbacks, logger)
         function = self.function("Instantiate", restype=c_void_p)
         kind = 1 if interface == "co_simulation" else 0
         uri = self.resources.as_uri().encode()
