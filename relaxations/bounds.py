@@ -150,7 +150,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
     def bound(dual: programs.GridSolution | Extremal, command: Command | None, switches: int | None, reason: str) -> Bound:
         upper = None if command is None else command.maneuver_time
         price = dual.price(problem)
-        near = dual.maneuver_time if upper is None else upper
+        near = dual.maneuver_time if upper is None or problem.begin is not None else upper
         lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.fuel))
         if upper is not None:
             lower = min(lower, upper)
@@ -176,7 +176,9 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         return bound(found, found.command(problem), len(found.switches_to_go), NOT_PROVEN)
     command = staircase(problem, grid.above)
     reason = f"{NOT_PROVEN}; the command is the grid's staircase, since its switch times could not be refined ({'; '.join(tried)})"
-    return bound(grid.above, command, None, reason)
+    # Of a plant that begins elsewhere than at rest a costate may refute times near its own only.
+    dual = grid.below if problem.begin is not None and grid.below is not None else grid.above
+    return bound(dual, command, None, reason)
 
 
 def _tail_only(problem: Problem) -> Reals | None:
@@ -354,7 +356,8 @@ def exponent_of(solution: programs.GridSolution) -> float:
     problem, costate = extended(solution.problem, solution.costate, solution.tail_multipliers)
     end = float(costate @ problem.rows([solution.maneuver_time])[:, 0])
     dead = float(np.clip(end, -solution.fuel, solution.fuel))
-    steepest = solution.maneuver_time * max(problem.upper * (end - dead), problem.lower * (end - dead))
+    drift = float(solution.costate @ problem.aim(np.array([solution.maneuver_time]))[1][:, 0])
+    steepest = solution.maneuver_time * (max(problem.upper * (end - dead), problem.lower * (end - dead)) - solution.fraction * drift)
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0
 
 

@@ -59,6 +59,7 @@ def task(problem: Problem) -> dict[str, Any]:
         "plants": plants,
         "box": maneuver.box and _box(maneuver.box),
         "displacement": text(maneuver.displacement),
+        "initial_state": None if maneuver.initial is None else [text(x) for x in maneuver.initial],
         "rest": "output" if maneuver.tail else "state",
         "limits": {
             "input": [text(maneuver.limits.lower), text(maneuver.limits.upper)],

@@ -145,15 +145,16 @@ def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.
     `price` is what the multipliers of all limits but the input's add on the right of (2), `fuel` the one of the fuel itself. With a
     sample time T_λ is a whole number of samples.
     """
-    wanted = float(costate @ problem.target) - price
-    if wanted <= 0:
-        return 0.0
     if problem.maneuver.sample_time is not None:
-        return _sampled(problem, costate, near, wanted, fuel)
+        return _sampled(problem, costate, near, price, fuel)
+    if problem.begin is None and float(costate @ problem.target) <= price:
+        return 0.0
     low, high = 0.0, np.inf
     time, best = near, 0.0
     for _ in range(60):
         value = support(problem, costate, time, fuel)
+        aim, drift = (float(costate @ part[:, 0]) for part in problem.aim(np.array([time])))
+        wanted = aim - price
         if value.integral + value.rounding < wanted:
             low, best = time, max(best, time)
             if wanted - value.integral <= 4 * value.rounding:
@@ -161,7 +162,8 @@ def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.
         else:
             high = time
         # A slope of zero says nothing about where the root is: bisect (or double) then.
-        step = (wanted - value.integral - 2 * value.rounding) / value.final if value.final > 0 else np.inf
+        rise = value.final - drift
+        step = (wanted - value.integral - 2 * value.rounding) / rise if rise > 0 else np.inf
         following = time + step
         if not low < following < high:
             following = (low + high) / 2 if np.isfinite(high) else 2 * time
@@ -174,7 +176,7 @@ def lower_bound(problem: Problem, costate: Reals, near: float, price: float = 0.
     return best
 
 
-def _sampled(problem: Problem, costate: Reals, near: float, wanted: float, fuel: float) -> float:
+def _sampled(problem: Problem, costate: Reals, near: float, price: float, fuel: float) -> float:
     """The least number of samples that is not refuted, in seconds: `∫σ(p)` is `Σ_k σ(∫_cell p)` for an input that is constant over cells.
 
     Commands of up to two samples more than `near` [s] are looked at.
@@ -187,4 +189,6 @@ def _sampled(problem: Problem, costate: Reals, near: float, wanted: float, fuel:
     pieces -= np.clip(pieces, -fuel * np.diff(edges), fuel * np.diff(edges))
     total = np.cumsum(np.maximum(problem.upper * pieces, problem.lower * pieces))
     rounding = 8 * np.finfo(float).eps * np.cumsum(np.abs(costate) @ np.abs(table))[1:] * max(abs(problem.lower), abs(problem.upper))
-    return float(edges[min(int(np.count_nonzero(total + rounding < wanted)) + 1, len(edges) - 1)])
+    wanted = costate @ problem.aim(edges[1:])[0] - price
+    refuted = np.flatnonzero(total + rounding < wanted)  # and all that are shorter: what is at rest stays there
+    return float(edges[min(int(refuted[-1]) + 2, len(edges) - 1)]) if len(refuted) else (float(edges[1]) if problem.begin is None else 0.0)

@@ -52,7 +52,10 @@ def first_guess(problem: Problem) -> float:
         for pole in target.basis.poles:
             m = pole.multiplicity
             if pole.is_rigid:
-                guess = max(guess, (math.factorial(m) * abs(target.target[at + m - 1]) / strongest) ** (1 / m))
+                asked = [0.0] * (m - 1) + [abs(target.target[at + m - 1])]
+                begun = [0.0] * m if problem.begin is None else np.abs(problem.begin[at : at + m])
+                for k in range(m):
+                    guess = max(guess, (math.factorial(k + 1) * (asked[k] + begun[k]) / strongest) ** (1 / (k + 1)))
             else:
                 guess = max(guess, 1.0 / abs(pole.value))
             at += m * (2 if pole.is_flexible else 1)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from relaxations.boxes import Box, at
 from relaxations.errors import ManeuverError
 from relaxations.frames import Frame
+from relaxations.initial import at_rest, moments, moved
 from relaxations.moments import Basis
 from relaxations.plants import Exact, LinearPlant, Pole, exact, roots
 from relaxations.residuals import Residuals, Sample
@@ -51,7 +52,8 @@ class Maneuver:
     decay along the stable zeros; `tail_length` (time [s] after the move, fraction of the nearer limit's distance from the final rest input)
     limits how long. `zero_sensitivity` limits what a tail moves the output if a zero is not quite where it should be: (shift, residual) by
     the name of a zero, `zero[i]` by ascending magnitude, both fractions, of the zero's magnitude and of the displacement. With a
-    `sample_time` h [s] the input is constant on each [kh, (k+1)h), and the move lasts a whole number of them.
+    `sample_time` h [s] the input is constant on each [kh, (k+1)h), and the move lasts a whole number of them. A plant that is not at rest
+    begins at `initial` (`relaxations.initial`): the displacement, which may then be 0, counts from the rest at input `rest` all the same.
     """
 
     displacement: Fraction
@@ -63,6 +65,7 @@ class Maneuver:
     zero_sensitivity: Mapping[str, tuple[Fraction, Fraction]] = field(default_factory=dict)
     box: Box | None = None
     sample_time: Fraction | None = None
+    initial: tuple[Fraction, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +94,7 @@ class Problem:
     rest: float = 0.0
     fuel: float | None = None
     residuals: Residuals | None = None
+    begin: Reals | None = None  # moments of an initial state
     notes: tuple[str, ...] = field(default=())
     frame: Frame | None = None
 
@@ -119,6 +123,18 @@ class Problem:
     def target(self) -> Reals:
         """All target sets' right-hand sides in one column."""
         return self.frame.target if self.frame else np.concatenate([np.zeros(0), *(target.target for target in self.sets)])
+
+    def aim(self, times: Reals) -> tuple[Reals, Reals]:
+        """What the command's moments must be at the end of moves of these durations [s], and their derivative by it: (size, len(times))."""
+        target = self.target[:, None]
+        if self.begin is None:
+            return np.repeat(target, len(times), axis=1), np.zeros((self.size, len(times)))
+        course, change = moved(self.sets[0].basis, self.begin, times)
+        return target - course, -change
+
+    def aimed(self, time: float) -> Reals:
+        """What the command's moments must be after a move of `time` [s]: (size,)."""
+        return self.target if self.begin is None else self.aim(np.array([time]))[0][:, 0]
 
     def rows(self, s: Sequence[float] | Reals, integrals: int = 0) -> Reals:
         """All target sets' `b(s)`, or its integrals from 0, stacked: shape (size, len(s))."""
@@ -193,7 +209,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
 
     Raises `ManeuverError` if there is nothing to move or the limits exclude the input at either rest, `PlantError` without a rest state.
     """
-    if maneuver.displacement == 0:
+    if maneuver.displacement == 0 and maneuver.initial is None:
         raise ManeuverError("the displacement is 0: there is nothing to move")
     if maneuver.tail:
         if len(plants) != 1:
@@ -201,7 +217,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         plants = [_visible(plant) for plant in plants]
     if maneuver.tail_length is not None and not (maneuver.tail and maneuver.tail_length[0] >= 0 and 0 < maneuver.tail_length[1] <= 1):
         raise ManeuverError("a tail length (time from 0 on, fraction from 0 to 1) needs an output rest, tail = true")
-    sampling = _sampling(plants, maneuver)
+    sampling, begin = _sampling(plants, maneuver), _begin(plants, maneuver)
     holds = {plant.rest_input(maneuver.displacement) for plant in plants}
     if len(holds) != 1:
         raise ManeuverError(f"the plants share one command and so one final rest input, but ask for {sorted(map(float, holds))}")
@@ -240,8 +256,24 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         float(maneuver.rest),
         None if fuel is None else float(fuel),
         residuals,
+        begin,
         (*(note for plant in plants for note in plant.notes), *sampling),
     )
+
+
+def _begin(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Reals | None:
+    """The moments that a plant which is not at rest begins with."""
+    start = maneuver.initial
+    if start is None:
+        return None
+    if len(plants) != 1 or maneuver.tail or maneuver.box is not None or (maneuver.robustness and maneuver.robustness != 0):
+        raise ManeuverError("an initial state is a matter of one plant's state rest: no tail, no further zeros, no box")
+    (plant,) = plants
+    if len(start) != plant.order:
+        raise ManeuverError(f"an initial state has {plant.order} numbers, not {len(start)}")
+    if start == at_rest(plant, maneuver.displacement):
+        raise ManeuverError("the plant is at its final rest already: there is nothing to move")
+    return moments(plant, Basis(plant.poles), start)
 
 
 def _sampling(plants: Sequence[LinearPlant], maneuver: Maneuver) -> list[str]:

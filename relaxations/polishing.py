@@ -132,7 +132,7 @@ def polish(problem: Problem, extremal: Extremal, bits: int | None = None) -> Pol
 
     It may also start from a mere outline (`relaxations.refinement.outline`), where double precision has failed.
     """
-    if len(problem.plants) != 1:
+    if len(problem.plants) != 1 or problem.begin is not None:
         return None
     bits = bits or BITS + BITS_PER_EQUATION * problem.size
     with precision(bits):

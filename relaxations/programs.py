@@ -164,7 +164,7 @@ def build(problem: Problem, instants: Reals, looks: Looks | None = None, inside:
         orthonormal, change, least = _orthonormal(problem, instants)
     if cells < problem.size or least <= cells * np.finfo(float).eps:
         raise ShortHorizonError(f"the moment equations are dependent on {cells} intervals over {horizon!r} s")
-    target: Reals = np.linalg.solve(change.T, problem.target).astype(np.float64)
+    target: Reals = np.linalg.solve(change.T, problem.aimed(horizon)).astype(np.float64)
     columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
     moves = problem, instants, orthonormal.T, target, change, problem.lower, problem.upper, columns
     if problem.residuals is not None:
@@ -189,7 +189,9 @@ def energy_bound(problem: Problem, instants: Reals) -> float:
     left, sizes, _ = np.linalg.svd((change / lengths).T)
     sizes = np.append(sizes, np.zeros(len(left) - len(sizes)))
     damped = np.hypot(sizes, NEGLIGIBLE)
-    wanted, free = (left.T @ (column.T / lengths).T / damped[:, None] for column in (problem.target[:, None], problem.tail.columns))
+    wanted, free = (
+        left.T @ (column.T / lengths).T / damped[:, None] for column in (problem.aimed(float(instants[-1]))[:, None], problem.tail.columns)
+    )
     best = (wanted - free @ np.linalg.lstsq(free, wanted, rcond=None)[0])[:, 0]
     energy = max(abs(problem.lower), abs(problem.upper)) * np.sqrt(instants[-1])
     least = float(np.linalg.norm(best))

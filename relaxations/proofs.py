@@ -225,8 +225,13 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         for dual in (found.dual, above):
             if dual is not None:
                 posed = replace(dual.problem, maneuver=problem.maneuver)
-                proof = proof.better(Proof(_lower(posed, task, dual, found.upper or dual.maneuver_time)))
+                proof = proof.better(Proof(_lower(posed, task, dual, _near(problem, found, dual))))
     return proof
+
+
+def _near(problem: Problem, found: Bound, dual: Extremal | programs.GridSolution | Costate) -> float:
+    """Where to look for the longest time that a dual refutes: of a plant that begins elsewhere than at rest, at its own."""
+    return dual.maneuver_time if found.upper is None or problem.begin is not None else found.upper
 
 
 def _lower(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
@@ -281,7 +286,8 @@ def _witnesses(problem: Problem, extremal: Extremal, duration: Number, starts: N
     to_go = np.array([float(duration) - float(start) for start in starts])
     slopes = float(duration) * problem.rows(to_go) * jumps
     largest = max((abs(float(c)) for c in tail), default=0.0) or 1.0
-    columns = np.hstack([slopes.sum(axis=1, keepdims=True), slopes[:, 1:], -problem.tail.columns * largest])
+    drift = float(duration) * problem.aim(np.array([float(duration)]))[1]
+    columns = np.hstack([slopes.sum(axis=1, keepdims=True) - drift, slopes[:, 1:], -problem.tail.columns * largest])
     columns /= np.abs(columns).max(axis=1)[:, None]
     free = [names[i] for i in np.sort(pivots(columns)[:size])]
     finest = min(RADII[0], SMALL / problem.frame.condition) if problem.frame else RADII[0]

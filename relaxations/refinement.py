@@ -89,10 +89,11 @@ def _levels(problem: Problem, last: float, switches: int) -> Reals:
 
 
 def moment_residual(problem: Problem, levels: Reals, to_go: Reals) -> tuple[Reals, Reals]:
-    """`∫ b u - target` for arcs of constant `levels` between the instants `to_go` (0 … T), and the size of the terms that cancel in it."""
+    """`∫ b u - aim(T)` for arcs of constant `levels` between the instants `to_go` (0 … T), and the size of the terms that cancel in it."""
     table = problem.rows(to_go, 1)
     sizes = (np.abs(table[:, 1:]) + np.abs(table[:, :-1])) @ np.abs(levels)  # a single arc's integral may vanish as a difference
-    return np.diff(table, axis=1) @ levels - problem.target, np.maximum(sizes, np.abs(problem.target))
+    aim = problem.aimed(float(to_go[-1]))
+    return np.diff(table, axis=1) @ levels - aim, np.maximum(sizes, np.abs(aim))
 
 
 def refine(problem: Problem, costate: Reals, maneuver_time: float, tail: TailStart = NO_TAIL) -> Extremal | Failure:
@@ -217,9 +218,11 @@ class _State:
         values[tails] = costate @ columns + prices @ shapes
         sizes[tails] = np.abs(costate) @ np.abs(columns) + np.abs(prices) @ np.abs(shapes)
         matrix[tails, lam], matrix[tails, mu], matrix[tails, end_mu:] = columns.T, shapes.T, (prices[:, None] * slopes)[moving].T
-        values[scale] = costate @ problem.target - prices @ room - 1.0
-        sizes[scale] = np.abs(costate) @ np.abs(problem.target) + np.abs(prices) @ np.abs(room)
-        matrix[scale, lam], matrix[scale, mu] = problem.target, -room
+        aim, drift = (part[:, 0] for part in problem.aim(np.array([time])))
+        matrix[moments, m] -= drift
+        values[scale] = costate @ aim - prices @ room - 1.0
+        sizes[scale] = np.abs(costate) @ np.abs(aim) + np.abs(prices) @ np.abs(room)
+        matrix[scale, m], matrix[scale, lam], matrix[scale, mu] = costate @ drift, aim, -room
         values[touching], sizes[touching] = shapes @ coefficients - inside, np.abs(shapes) @ np.abs(coefficients) + np.abs(inside)
         matrix[touching, tail] = shapes
         matrix[[scale + 1 + k for k in moving], range(end_mu, width)] = (slopes @ coefficients)[moving]

@@ -52,7 +52,7 @@ def exact(solution: GridSolution) -> Repaired | None:
     """
     problem = solution.problem
     maneuver, (plant, *others) = problem.maneuver, problem.plants
-    if others or problem.size != plant.rigid_order or problem.tail.size:
+    if others or problem.begin is not None or problem.size != plant.rigid_order or problem.tail.size:
         return None
     choices = [maneuver.limits.lower - maneuver.rest, maneuver.limits.upper - maneuver.rest, Fraction(0)]
     floats = np.array([float(choice) for choice in choices])
@@ -111,7 +111,7 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     values = np.concatenate([levels, tail])
     rows = np.abs(columns * np.where(values == 0.0, 1.0, np.abs(values))).sum(axis=1)
     for _ in range(3):  # iterative refinement: the residual's rounding is all that is left
-        residual = problem.target - columns @ values
+        residual = problem.aimed(solution.maneuver_time) - columns @ values
         values[free] += np.linalg.lstsq(columns[:, free] / rows[:, None], residual / rows, rcond=None)[0]
     levels, tail = values[: len(levels)], values[len(levels) :]
     chosen = free[free < len(levels)]

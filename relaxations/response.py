@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
 
 from relaxations.commands import Command
+from relaxations.initial import moments as initial_moments
 from relaxations.moments import Basis
 from relaxations.plants import LinearPlant
 
@@ -40,10 +42,12 @@ def response(
     rest: float = 0.0,
     *,
     before: bool = False,
+    begin: Sequence[Fraction] | None = None,
 ) -> Reals:
     """Deviation of an output from its first rest value at `times` [s], output units; the input rests at `rest` before the command.
 
     y(t) = w M(t) + D (u(t) - rest), M summed over the command's jumps and its tail's terms; at a jump of u the value after it, or `before`.
+    A plant that is not at rest begins at `begin` (`relaxations.initial`).
     """
     t = np.asarray(times, dtype=float)
     basis, partial = Basis(plant.poles), plant.partial(output)
@@ -51,6 +55,8 @@ def response(
     y = partial.feedthrough * (command(np.nextafter(t, -np.inf) if before else t, rest) - rest)
     if not plant.order:
         return y
+    if begin is not None:
+        y += weights @ basis.free(initial_moments(plant, basis, begin), t)
     during = t <= command.end
     for instant, level, slope in jumps(command, rest):
         acting = during & (t > instant)

@@ -112,13 +112,14 @@ def _refuting(
     # Fewer samples than equations, or dependent ones: the costate to whose cells the input matters least.
     integrated = problem.rows(instants[-1] - instants, 1)
     table = integrated[:, :-1] - integrated[:, 1:]
-    sizes = np.abs(table).max(axis=1) + np.abs(problem.target)
+    aim = problem.aimed(float(instants[-1]))
+    sizes = np.abs(table).max(axis=1) + np.abs(aim)
     left, singular, _ = np.linalg.svd(table / sizes[:, None])
     singular = np.concatenate([singular, np.zeros(len(left) - len(singular))])
-    target = left.T @ (problem.target / sizes)
+    target = left.T @ (aim / sizes)
     weights = target / np.maximum(singular, np.finfo(float).eps * singular[0]) ** 2
     costate = left @ weights / sizes
-    return Costate(problem, costate / float(costate @ problem.target), float(instants[-1]))
+    return Costate(problem, costate / float(costate @ aim), float(instants[-1]))
 
 
 def _refuted(problem: Problem, dual: programs.GridSolution | Costate, step: float) -> float:

@@ -177,8 +177,12 @@ def _task(results: Mapping[str, Any]) -> dict[str, str]:
     low, high = (formatting.number(x) for x in task["input_limits"])
     rest = {"state": "at rest in every state", "output": "output at rest, the input may still decay"}
     sampled = {"Sample time": formatting.with_unit(formatting.number(task["sample_time"]), "s")} if task.get("sample_time") else {}
+    begins = task.get("initial_state")
+    named = begins.items() if isinstance(begins, Mapping) else enumerate(begins or [], 1)
+    begun = ", ".join(f"{name}: {formatting.number(x)}" for name, x in named)
+    how = "rest to rest" if begins is None else f"to rest; it begins away from rest by {begun}"
     return {
-        "Move": f"{taken['name']} by {formatting.with_unit(formatting.number(task['displacement']), taken['unit'])}, rest to rest",
+        "Move": f"{taken['name']} by {formatting.with_unit(formatting.number(task['displacement']), taken['unit'])}, {how}",
         "Input limits": f"{given['name']} from {low} to {formatting.with_unit(high, given['unit'])}",
         **sampled,
         "At rest": rest.get(task["rest"], str(task["rest"])),

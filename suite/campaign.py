@@ -20,7 +20,7 @@ from fmus.plans import interface_of
 from fmus.stepping import Experiment, Interface, Outcome, RunStatus
 from fmus.stepping import samples as steps
 from fmus.workers import Worker
-from relaxations.commands import Command
+from relaxations.commands import Command, Tail
 from relaxations.plants import LinearPlant
 from relaxations.response import response
 from reports import logs
@@ -32,7 +32,8 @@ from suite.observations import Setting, Subject, observe, record, thinned, with_
 from suite.plants import plant_at
 from suite.quantities import Facts, Observation, evaluate, window
 from suite.quantity_names import Quantity, parse_quantity
-from suite.study import Requirement, Study
+from suite.starts import required_start, run_states
+from suite.study import FmuPlant, Requirement, Study
 from suite.verdicts import Measured, RunVerdict, Verdict, judge_run, overall
 
 ALWAYS = tuple(map(parse_quantity, ("residual_vibration", "final_error", "overshoot", "peak_input", "model_mismatch")))
@@ -143,7 +144,10 @@ def settle(study: Study, sample: Sample, command: Command, bracket: tuple[float 
     step = study.simulation.step or natural_step([frequency for frequency, _ in modes], stop)
     if grid is not None:
         step, stop = grid, steps(stop, grid) * grid
-    facts = Facts(float(study.maneuver.displacement), float(study.plant.initial_input), 0.0, modes, slowest, decayed, *bracket)
+    displacement, scale = float(study.maneuver.displacement), study.maneuver.given_scale
+    facts = Facts(
+        displacement, float(study.plant.initial_input), 0.0, modes, slowest, decayed, *bracket, None if scale is None else float(scale)
+    )
     return Setting(sample.name, sample.nominal, sample.parameters, facts, step, stop, interface(study))
 
 
@@ -254,20 +258,23 @@ def run(study: Study, subject: Subject, sample: Sample, setting: Setting, worker
         outputs=subject.variables,
         parameters=parameters,
         initial_input=float(study.plant.initial_input),
-        initial_state={name: float(value) for name, value in fmu.initial_state.items()},
+        initial_state=run_states(study.plant, study.maneuver),
         command=subject.command,
         stop=setting.stop,
         step=setting.step,
         interface=interface(study),
         settle=fmu.settle,
     )
-    whole, outcome = _simulate(subject, sample, setting, worker, experiment, study.simulation.timeout)
+    begin = required_start(study, sample.plant, sample.parameters)
+    if begin is not None:
+        setting = replace(setting, facts=replace(setting.facts, rests=_rests(subject, fmu, worker, experiment, study.simulation.timeout)))
+    whole, outcome = _simulate(subject, sample, setting, worker, experiment, study.simulation.timeout, begin)
     measured: dict[str, Measured] = {}
     if outcome.status is RunStatus.FINISHED and grid_step(study) is not None:
         run = observe(whole)
         measured = measure(run, thinned(run), quantities(subject.requirements, sample.nominal))
     elif outcome.status is RunStatus.FINISHED:
-        halved, check = _simulate(subject, sample, setting, worker, experiment.refined(), study.simulation.timeout)
+        halved, check = _simulate(subject, sample, setting, worker, experiment.refined(), study.simulation.timeout, begin)
         if check.status is RunStatus.FINISHED:
             measured = measure(observe(whole), observe(halved), quantities(subject.requirements, sample.nominal))
         else:
@@ -298,7 +305,13 @@ def run(study: Study, subject: Subject, sample: Sample, setting: Setting, worker
 
 
 def _simulate(
-    subject: Subject, sample: Sample, setting: Setting, worker: Worker, experiment: Experiment, timeout: float
+    subject: Subject,
+    sample: Sample,
+    setting: Setting,
+    worker: Worker,
+    experiment: Experiment,
+    timeout: float,
+    begin: tuple[Fraction, ...] | None = None,
 ) -> tuple[RunLog, Outcome]:
     try:
         outcome = worker.run(experiment, timeout)
@@ -309,10 +322,25 @@ def _simulate(
         return record(subject, setting, replace(outcome, trajectory=None), np.zeros(0)), outcome
     controlled = subject.variables.index(subject.output.variable)
     rest = float(trajectory.values[0, controlled])
+    if begin is not None and setting.facts.rests is not None:
+        rest = setting.facts.rests[subject.output.variable]
     setting = replace(setting, facts=replace(setting.facts, rest_output=rest), step=experiment.step)
     # A run's output at a jump of the input is that before it (`fmus.stepping.Trajectory`): with feed-through that is another number.
-    linear = rest + response(sample.plant, subject.command, trajectory.times, rest=setting.facts.rest_input, before=True)
+    linear = rest + response(sample.plant, subject.command, trajectory.times, rest=setting.facts.rest_input, before=True, begin=begin)
     return record(subject, setting, outcome, linear), outcome
+
+
+def _rests(subject: Subject, fmu: FmuPlant, worker: Worker, experiment: Experiment, timeout: float) -> dict[str, float] | None:
+    """Every logged variable at the initial rest, of a run that begins elsewhere; None if the FMU fails there (the run itself tells)."""
+    still = Command(0.0, (), Tail(experiment.initial_input))
+    at_rest = {name: float(value) for name, value in fmu.initial_state.items()}
+    try:
+        outcome = worker.run(replace(experiment, command=still, initial_state=at_rest, stop=experiment.step), timeout)
+    except FmuError:
+        return None
+    if outcome.trajectory is None or not len(outcome.trajectory.times):
+        return None
+    return {name: float(x) for name, x in zip(subject.variables, outcome.trajectory.values[0], strict=True)}
 
 
 def quantities(requirements: Sequence[Requirement], nominal: bool) -> tuple[Quantity, ...]:

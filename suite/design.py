@@ -17,6 +17,7 @@ from relaxations.proofs import minimum_time
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.plants import box, nominal_plant
 from suite.shaped import Shaped, shaped
+from suite.starts import required_start
 from suite.study import Study
 
 
@@ -85,6 +86,7 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
         {name: (Fraction(shift), Fraction(residual)) for name, (shift, residual) in study.limits.zero_sensitivity.items()},
         box=box(study) if robust == "box" else None,
         sample_time=None if study.limits.sample_time is None else Fraction(study.limits.sample_time),
+        initial=required_start(study, plant),
     )
     try:
         return problem([plant], maneuver)

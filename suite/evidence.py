@@ -81,6 +81,8 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
             "robustness": dict(study.command.robustness) if isinstance(study.command.robustness, Mapping) else study.command.robustness,
             "kind": study.command.kind,
             "start": float(study.command.start),
+            "initial_state": _initial_state(study),
+            "scale": float(study.maneuver.scale),
             "sample_time": None if study.limits.sample_time is None else float(study.limits.sample_time),
             "rest": "output" if study.command.tail else "state",
         },
@@ -113,6 +115,14 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
 def _shaper(made: Shaped) -> dict[str, Any]:
     """The shaper of the command with what is proven of it, and what it shapes."""
     return {**made.shaping.to_dict(), "reference": {"kind": made.reference, "maneuver_time": made.reference_time}}
+
+
+def _initial_state(study: Study) -> dict[str, float] | list[float] | None:
+    """The deviation from rest that the plant begins with."""
+    given = study.maneuver.initial_state
+    if given is None:
+        return None
+    return {name: float(x) for name, x in given.items()} if isinstance(given, Mapping) else [float(x) for x in given]
 
 
 def _confinement(study: Study) -> dict[str, Any]:
@@ -248,7 +258,8 @@ def draw(results: Mapping[str, Any], design: Design, requirements: Sequence[Requ
                 drawings |= _sweep_chart(results, axis, others, requirement)
     if design.shaped is not None:
         drawings[f"Shaper {design.shaped.shaping.kind}"] = chart(design.shaped.shaping)
-    if design.plant.flexible and design.command is not None and not any(segment.slope for segment in design.command.segments):
+    rested = results["task"]["initial_state"] is None  # else the plant's own motion counts as much as the command
+    if rested and design.plant.flexible and design.command is not None and not any(segment.slope for segment in design.command.segments):
         drawings["Sensitivity of the command"] = _sensitivity_chart(design, results)
     return drawings
 

@@ -37,6 +37,8 @@ class Facts:
     decayed: bool  # whether every mode has decayed when the observed window ends
     lower: float | None = None  # bracket of the minimum time [s]
     upper: float | None = None
+    scale: float | None = None  # what relative quantities are divided by; None: |Δ|
+    rests: Mapping[str, float] | None = None  # of every variable its value at the initial rest, where a run begins elsewhere
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +55,8 @@ class Observation:
 
     @property
     def scale(self) -> float:
-        """|Δ|."""
-        return abs(self.facts.displacement)
+        """|Δ|, or what stands for it."""
+        return abs(self.facts.displacement) if self.facts.scale is None else self.facts.scale
 
     @property
     def target(self) -> float:
@@ -121,7 +123,8 @@ def _settling_time(run: Observation, quantity: Quantity) -> float:
 
 
 def _overshoot(run: Observation, quantity: Quantity) -> float:
-    beyond = (run.output - run.target) * math.copysign(1.0, run.facts.displacement)
+    way = run.facts.displacement or run.target - run.output[0]  # a plant that begins elsewhere than at rest may have to come back only
+    beyond = (run.output - run.target) * math.copysign(1.0, way)
     return max(float(beyond.max()) / run.scale, 0.0)
 
 
@@ -176,6 +179,12 @@ def _variable(run: Observation, quantity: Quantity) -> Reals:
     return run.variables[quantity.variable or ""]
 
 
+def _at_rest(run: Observation, quantity: Quantity) -> float:
+    """A variable's value at the initial rest."""
+    rests = run.facts.rests or {}
+    return rests.get(quantity.variable or "", float(_variable(run, quantity)[0]))
+
+
 DEFINITIONS: Mapping[str, Callable[[Observation, Quantity], float]] = {
     "maneuver_time": lambda run, quantity: run.command.maneuver_time,
     "optimality_gap": _optimality_gap,
@@ -186,7 +195,7 @@ DEFINITIONS: Mapping[str, Callable[[Observation, Quantity], float]] = {
     "fuel": _fuel,
     "peak_input": lambda run, quantity: float(np.abs(run.input).max()),
     "peak_rate": _peak_rate,
-    "peak": lambda run, quantity: float(np.abs(_variable(run, quantity) - _variable(run, quantity)[0]).max()),
+    "peak": lambda run, quantity: float(np.abs(_variable(run, quantity) - _at_rest(run, quantity)).max()),
     "final": lambda run, quantity: float(_variable(run, quantity)[-1]),
     "insensitivity": _insensitivity,
     "model_mismatch": lambda run, quantity: float(np.abs(run.output - run.linear).max()) / run.scale,

@@ -115,14 +115,16 @@ class Plant:
 
 @dataclass(frozen=True, slots=True)
 class Maneuver:
-    """Move the output by `displacement` (output units), from rest to rest."""
+    """Move the output by `displacement` (output units), from rest to rest; or from `initial_state`, deviations from it (`suite.starts`)."""
 
     displacement: Decimal
+    initial_state: Mapping[str, Decimal] | tuple[Decimal, ...] | None = None
+    given_scale: Decimal | None = None
 
     @property
     def scale(self) -> Decimal:
-        """|Δ|, by which relative quantities are divided."""
-        return abs(self.displacement)
+        """|Δ|, by which relative quantities are divided; what was given for it where the displacement is 0."""
+        return self.given_scale or abs(self.displacement)
 
 
 @dataclass(frozen=True, slots=True)

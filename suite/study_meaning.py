@@ -18,6 +18,7 @@ from suite import schema
 from suite.errors import ABSENT, Mistake
 from suite.plants import linear_plant
 from suite.quantity_names import Quantity, UnitKind, parse_quantity
+from suite.starts import mistakes as start_mistakes
 from suite.study import GRID, CommandRequest, Limits, Maneuver, Plant, Requirement, Simulation, Study, Uncertainty
 from suite.study_file import printable
 from suite.study_plant import PlantNames, description, understand_plant
@@ -55,7 +56,7 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
     if command is not None and command.given is not None and written.command is not None and written.limits is not None:
         _within(command.given, written.command.file, written.limits, plant, mistakes)
     if plant is not None and written.maneuver is not None and written.limits is not None:
-        _task(plant, written.maneuver.displacement, written.limits, mistakes)
+        _task(plant, _maneuver(written.maneuver), written.limits, mistakes)
         _box(plant, [(i, axis) for i, axis in enumerate(uncertainties, 1) if axis is not None], mistakes)
     # A value whose unit is wrong is still text, which is refused once more where a number is wanted.
     spoilt = [mistake.path for mistake in unit_mistakes]
@@ -69,7 +70,7 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
         file=file,
         source=source,
         plant=plant,
-        maneuver=Maneuver(written.maneuver.displacement),
+        maneuver=_maneuver(written.maneuver),
         limits=Limits(
             *written.limits.input,
             None if length is None else (length.time, length.within),
@@ -104,19 +105,29 @@ def _in_order(mistakes: list[Mistake]) -> list[Mistake]:
     return sorted(unique.values(), key=rank)
 
 
-def _task(plant: Plant, displacement: Decimal, limits: schema.Limits, mistakes: list[Mistake]) -> None:
+def _maneuver(written: schema.Maneuver) -> Maneuver:
+    return Maneuver(written.displacement, written.initial_state, written.scale)
+
+
+def _task(plant: Plant, maneuver: Maneuver, limits: schema.Limits, mistakes: list[Mistake]) -> None:
     """The limits contain the input at both rests, and the plant is one that can rest."""
     lower, upper = limits.input
     rest = plant.initial_input
     if not lower <= rest <= upper:
         mistakes.append(Mistake("limits.input", [lower, upper], f"must contain the input at the initial rest, {rest}"))
     if plant.fmu is not None and not plant.fmu.by_twin:
+        if maneuver.initial_state is not None:
+            mistakes.append(
+                Mistake("maneuver.initial_state", ABSENT, "needs a linear plant whose states are known: an FMU's twin, or numbers")
+            )
         return  # only running its code, which reading a study does not, can tell
     try:
-        final = Fraction(rest) + linear_plant(plant).rest_input(Fraction(displacement))
+        linear = linear_plant(plant)
+        final = Fraction(rest) + linear.rest_input(Fraction(maneuver.displacement))
     except PlantError as problem:
         mistakes.append(Mistake("plant", ABSENT, str(problem)))
         return
+    mistakes.extend(start_mistakes(plant, maneuver, linear))
     if final != rest and limits.fuel is not None:
         hold = float(final - Fraction(rest))
         why = f"belongs to a plant that rests without input; holding this one at its target takes {hold:.10g} for ever"

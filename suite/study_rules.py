@@ -19,8 +19,6 @@ def _one_of(*refused: str) -> Callable[[object], bool]:
 
 UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     # Path: for which values it is refused, and what is possible instead. A key leaves this table when this version honours it.
-    "maneuver.initial_state": (_given, "a plant starts at rest"),
-    "maneuver.scale": (_given, "|displacement| is the scale"),
     "limits.rate": (_given, "limits.input alone limits the command; a requirement on peak_rate measures it"),
     "limits.deflection": (_given, "limits.input alone limits the command; a requirement on peak(NAME) measures it"),
     "limits.pulse_width": (_given, "limits.input alone limits the command"),
@@ -84,6 +82,8 @@ def contradictions(study: schema.Written) -> Iterator[Mistake]:
     """Mistakes between keys that need neither the plant nor a file to be seen."""
     if study.maneuver:
         yield from _maneuver(study.maneuver)
+    if study.maneuver and study.maneuver.initial_state is not None and study.command:
+        yield from _started(study.command)
     if study.limits and study.limits.rate and not study.limits.rate[0] <= 0 <= study.limits.rate[1]:
         yield Mistake("limits.rate", study.limits.rate, "must contain 0: at rest the input stands still")
     if study.command:
@@ -117,6 +117,18 @@ def _maneuver(maneuver: schema.Maneuver) -> Iterator[Mistake]:
         yield Mistake("maneuver.scale", ABSENT, "is missing; with displacement = 0 relative quantities are divided by it")
     if maneuver.displacement != 0 and maneuver.scale is not None:
         yield Mistake("maneuver.scale", maneuver.scale, "has a meaning with displacement = 0 only; else |displacement| is the scale")
+
+
+def _started(command: schema.Command) -> Iterator[Mistake]:
+    why = "contradicts maneuver.initial_state"
+    if command.tail:
+        yield Mistake("command.tail", True, f"{why}, which belongs to a state rest")
+    if command.robustness:
+        yield Mistake("command.robustness", command.robustness, f"{why}: further zeros and boxes are about moves that begin at rest")
+    if command.start:
+        yield Mistake("command.start", command.start, f"{why}: until the command begins, the plant would move on")
+    if command.kind not in ("time-optimal", "file"):
+        yield Mistake("command.kind", command.kind, f'{why}: only "time-optimal" and "file" commands begin elsewhere than at rest')
 
 
 def _command(command: schema.Command) -> Iterator[Mistake]:

@@ -110,7 +110,16 @@ def task(numerator: list[str], denominator: list[str], displacement: str = "1", 
     limits |= {name: others.pop(name, None) for name in ("fuel", "sample_time")}
     limits |= {"tail_length": others.pop("tail_length", None), "zero_sensitivity": others.pop("zero_sensitivity", {})}
     plant = {"numerator": numerator, "denominator": denominator, "zeros": others.pop("zeros", {})}
-    return {"plants": [plant], "box": None, "displacement": displacement, "rest": "state", "limits": limits, "initial_input": "0", **others}
+    return {
+        "plants": [plant],
+        "box": None,
+        "displacement": displacement,
+        "initial_state": None,
+        "rest": "state",
+        "limits": limits,
+        "initial_input": "0",
+        **others,
+    }
 
 
 def certificate(

@@ -186,8 +186,6 @@ def test_what_is_not_there_yet_is_named():
         "command.kind": "fuel-efficient commands",
         "command.type": "fuel-efficient commands",
         "command.alpha": "fuel-efficient commands",
-        "maneuver.initial_state": "an initial state",
-        "maneuver.scale": "an initial state",
         "uncertainty.distribution": "random samples",
         "uncertainty.sampling": "random samples",
         "cluster": "clusters",

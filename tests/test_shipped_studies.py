@@ -18,6 +18,7 @@ MISSED = {
     "disk_drive": ("SEEK-001", "residual_vibration"),
     "disk_drive_sampled": ("SAMPLED-003", "maneuver_time"),
     "gantry_crane": ("CRANE-001", "residual_vibration"),
+    "gantry_crane_stop": ("STOP-003", "maneuver_time"),
     "gantry_crane_hoist": ("HOIST-001", "residual_vibration"),
     "gantry_crane_shaped": ("SHAPED-001", "residual_vibration"),
     "rlc_filter": ("FILTER-001", "residual_vibration"),

@@ -183,8 +183,6 @@ def test_all_mistakes_come_at_once_in_the_order_of_the_sections(tmp_path: Path) 
 
 UNSUPPORTED_VALUES = {
     "plant.initial.state": "[plant.initial]\nstate = [1]",
-    "maneuver.initial_state": "[maneuver]\ninitial_state = [1]",
-    "maneuver.scale": "[maneuver]\nscale = 1",
     "limits.rate": "[limits]\nrate = [-1, 1]",
     "limits.deflection": "[limits]\ndeflection = { spring = 1 }",
     "limits.tail_length": "[limits]\ntail_length = { time = 1, within = 0.1 }",

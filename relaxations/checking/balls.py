@@ -7,7 +7,7 @@ coefficients (re, im) of a costate then pair with it as `Re c M`, and those of a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, combinations
 from math import comb, factorial
@@ -180,6 +180,7 @@ class System:
     highest: fmpq  # moment at the origin, if there is a pole
     target: arb_mat
     columns: arb_mat
+    begin: tuple[acb, ...]  # moments of an initial state, in the order of the roots
 
     @property
     def capped(self) -> list[tuple[range, arb]]:
@@ -187,11 +188,40 @@ class System:
         ends = zip(self.zeros, accumulate(zero.size for zero in self.zeros), self.caps, strict=True)
         return [(range(end - 1 - zero.flexible, end), cap) for zero, end, cap in ends if cap is not None]
 
+    def drift(self, time: arb, derivative: bool = False) -> arb_mat:
+        """What the moments of an initial state have become after `time` seconds without input, or its derivative."""
+        if not self.begin:
+            return arb_mat(self.target.nrows(), 1)
+        begins = {id(root): self.begin[at : at + root.multiplicity] for root, at in zip(self.roots, self._places, strict=True)}
+
+        def moved(root: Root) -> list[acb]:
+            chain, powers = begins[id(root)], root.impulse(time)
+            course = [sum((chain[i] * powers[k - i] for i in range(k + 1)), acb(0)) for k in range(root.multiplicity)]
+            return [root.value * x + before for x, before in zip(course, [acb(0), *course], strict=False)] if derivative else course
+
+        return flat(self.roots, moved)
+
+    @property
+    def _places(self) -> list[int]:
+        return list(accumulate((root.multiplicity for root in self.roots), initial=0))[:-1]
+
     def room(self, time: fmpq) -> tuple[fmpq, fmpq]:
         """How far above and below the final rest input the tail may be, `time` seconds after the move."""
         above, below, length = self.upper - self.rest, self.rest - self.lower, self.task.limits.tail_length
         share = length.within * min(above, below) if length and time >= length.time else max(above, below)
         return min(above, share), min(below, share)
+
+
+def beginning(roots: Sequence[Root], denominator: fmpq_poly, start: Sequence[fmpq]) -> Iterator[acb]:
+    """The moments of ξ and its derivatives, D(d/dt) ξ = u: `Σ q_i ξ^{(i)}` with `D(s)/(s - p)^{k+1} = Σ q_i s^i`."""
+    for root in roots:
+        quotient = [acb(c) for c in denominator.coeffs()]
+        for _ in range(root.multiplicity):
+            below = [quotient[-1]]
+            for coefficient in reversed(quotient[1:-1]):
+                below.insert(0, coefficient + root.value * below[0])
+            quotient = below
+            yield sum((q * x for q, x in zip(quotient, start, strict=False)), acb(0))
 
 
 def system(task: Any) -> System:
@@ -220,7 +250,8 @@ def system(task: Any) -> System:
     spend(10 * len(shapes) * aim.nrows())
     columns = [x for shape in shapes for x in flat(roots, Root.before, *shape).entries()]
     bounds = caps(task, zeros, numerator, denominator)
-    return System(task, roots, zeros, bounds, rest, lower, upper, ratio, aim, arb_mat(len(shapes), aim.nrows(), columns).transpose())
+    begin = () if task.initial_state is None else tuple(beginning(roots, denominator, task.initial_state))
+    return System(task, roots, zeros, bounds, rest, lower, upper, ratio, aim, arb_mat(len(shapes), aim.nrows(), columns).transpose(), begin)
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,10 +276,9 @@ class Wave:
         return [x.real for x in (self.rows * acb_mat([[x] for root in self.roots for x in root.impulse(s)])).entries()]
 
     def raised(self, level: arb) -> Wave:
-        """The wave plus a constant; there is a root at the origin."""
-        rows, origin = self.rows.tolist(), next(i for i, root in enumerate(self.roots) if root.value.is_zero())
-        rows[0][sum(root.multiplicity for root in self.roots[:origin])] += level
-        return Wave(self.roots, acb_mat(rows))
+        """The wave plus a constant: one more root at the origin."""
+        rows = [[*row, acb(0 if k else level)] for k, row in enumerate(self.rows.tolist())]
+        return Wave((*self.roots, Root(acb(0), 1)), acb_mat(rows))
 
     def integral(self, s: arb) -> arb:
         """From 0 to s."""

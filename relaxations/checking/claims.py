@@ -110,7 +110,14 @@ def claim(found: Check) -> str:
             lines.append("  further zeros of the command: " + ", ".join(f"{count} at {name}" for name, count in plant["zeros"].items()))
     lines += boxes.plants(task)
     rest, (low, high), tail = REST["box" if task["box"] else task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
-    lines.append(f"Task: from rest at input {task['initial_input']} move the output by {task['displacement']}; {rest}.")
+    start, begins = task["initial_state"], f"Task: from rest at input {task['initial_input']}"
+    if start is not None:
+        lines.append(
+            f"Start: D(d/dt) x = u, y = N(d/dt) x, deviations from rest at input {task['initial_input']}, for numerator N, denominator D;"
+        )
+        lines.append(f"  x and its derivatives begin at [{', '.join(start)}].")
+        begins = "Task: from there"
+    lines.append(f"{begins} move the output by {task['displacement']}{'' if start is None else ' from that rest'}; {rest}.")
     lines.append(f"Limits: {low} ≤ u(t) ≤ {high} for all t ≥ 0.")
     if fuel := task["limits"]["fuel"]:
         lines.append(f"  The fuel ∫|u(t) - {task['initial_input']}| dt of the move, from 0 to T, is at most {fuel}.")

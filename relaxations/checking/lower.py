@@ -35,6 +35,8 @@ def impossible(system: System, criterion: str, witness: Any) -> None:
         require(system.task.box is not None and bool(witness and len(witness.samples) == 1), "one plant that rests too far from its target")
         boxes.too_far(system.task, witness.samples[0].place)
         return
+    if system.begin:
+        raise Undecided("the criteria speak of moves from rest")
     begins = accumulate((root.size for root in system.roots), initial=0)
     poles = [(root.value.real, system.target[i, 0]) for root, i in zip(system.roots, begins, strict=False) if not root.flexible]
     fuel, right = system.task.limits.fuel, [(a, m) for a, m in poles if all(zero.value.real < a for zero in system.zeros)]
@@ -131,16 +133,19 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     numbers, price = costate(system, witness)
     roots, others, relief = boxes.relaxed(system, witness.samples)
     price += arb(witness.fuel * (system.task.limits.fuel or 0))
-    gain = sum((a * b for a, b in zip(numbers.entries(), system.target.entries(), strict=True)), relief - price)
+    step = system.task.limits.sample_time
+    last = ((time / step).ceil() - 1) * step if step else time  # the longest moves that are refuted: who rests sooner is at rest then, too
+    aim = system.target - system.drift(arb(last))
+    gain = sum((a * b for a, b in zip(numbers.entries(), aim.entries(), strict=True)), relief - price)
     if gain <= 0:
-        raise Refuted("the lower bound's inequality (2) is false for this costate, whatever the time")
+        raise Refuted("the lower bound's inequality (2) is false for this costate, whatever the input")
     if not gain > 0:
         raise Undecided("the lower bound's inequality (2) is undecided at this precision")
     p, end = Wave.of((*system.roots, *roots), [*numbers.entries(), *others]), arb(time)
     fine = (gain / end * arb(2) ** (-flint.ctx.prec // 2)).lower()
     terms = parts(system, p, witness.fuel)
-    if step := system.task.limits.sample_time:
-        count = int((time / step).ceil()) - 1
+    if step:
+        count = int(last / step)
         # Many short samples can do no more than a measurable input can in their time.
         short = count <= MOST_CELLS
         each = (

@@ -109,6 +109,8 @@ TASK = {
     "plants": [PLANT, 1, 1],
     "box": (None, BOX),
     "displacement": real,
+    # where a plant that is not at rest begins: D(d/dt) ξ = u, y = N(d/dt) ξ, here ξ and its derivatives, the highest not among them
+    "initial_state": (None, [real, 1, MOST_POLES]),
     "rest": {"state", "output"},
     "limits": LIMITS,
     "initial_input": real,
@@ -157,9 +159,15 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
         fine = len(numerator) <= len(denominator) and denominator[0] == 1 and numerator[0] != 0 != numerator[-1]
         require(fine, "a plant is proper and monic, its leading coefficients not 0, and has no zero at the origin: else there is no rest")
     (low, high), length = task.limits.input, task.limits.tail_length
-    require(low < high and task.displacement != 0, "limits ascend, and the displacement is not 0")
+    require(
+        low < high and (task.displacement != 0 or task.initial_state is not None),
+        "limits ascend, and the displacement is not 0 unless the plant begins elsewhere",
+    )
     fine = length is None or (task.rest == "output" and length.time >= 0 and 0 < length.within <= 1)
     require(fine, "a tail length belongs to an output rest: a time from 0 on, a fraction from 0 to 1")
+    (plant, *_), start = task.plants, task.initial_state
+    fine = start is None or (task.rest == "state" and task.box is None and not plant.zeros and len(start) == len(plant.denominator) - 1)
+    require(fine, "an initial state has as many numbers as the plant has poles, and belongs to a state rest without further zeros")
     fine = task.limits.sample_time is None or (task.rest == "state" and task.limits.sample_time > 0)
     require(fine, "a sample time belongs to a state rest, and is more than 0")
     fine = all(task.rest == "output" and shift > 0 <= residual for shift, residual in task.limits.zero_sensitivity.values())

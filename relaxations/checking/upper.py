@@ -42,7 +42,7 @@ def as_written(system: System, witness: Any) -> tuple[list[Number], list[int]]:
 def residual(system: System, n: int, command: list[Number]) -> arb_mat:
     """The moments of the command minus where they must be, tail included."""
     tail = command[2 * n + 1 :]
-    total = -system.target - system.columns * arb_mat(len(tail), 1, tail)
+    total = system.drift(arb(command[0])) - system.target - system.columns * arb_mat(len(tail), 1, tail)
     for start, (before, level) in zip(command[1 : n + 1], pairwise([fmpq(0), *command[n + 1 : 2 * n + 1]]), strict=True):
         if not arb(level - before).is_zero():
             total += flat(system.roots, Root.step, arb(command[0] - start)) * arb(level - before)
@@ -57,7 +57,7 @@ def derivative(system: System, n: int, command: list[Number], place: int) -> arb
         return flat(system.roots, entries, arb(command[0] - instants[i]))
 
     if place == 0:
-        return sum((begun(Root.impulse, i) * arb(levels[i + 1] - levels[i]) for i in range(n)), arb_mat(system.target.nrows(), 1))
+        return sum((begun(Root.impulse, i) * arb(levels[i + 1] - levels[i]) for i in range(n)), system.drift(arb(command[0]), True))
     if place <= n:
         return begun(Root.impulse, place - 1) * arb(levels[place - 1] - levels[place])
     if place <= 2 * n:
@@ -77,7 +77,7 @@ def exactly(system: System, n: int, command: list[Any]) -> None:
 def solve(system: System, n: int, witness: Any) -> list[Number]:
     """Krawczyk: `K = x - Y F(x) + (I - Y J(X)) (X - x)` inside X proves a solution in K; returns the command with its unknowns in K."""
     (command, unknowns), size = as_written(system, witness), system.target.nrows()
-    if not unknowns and all(root.value.is_zero() for root in system.roots):
+    if not unknowns and not system.begin and all(root.value.is_zero() for root in system.roots):
         exactly(system, n, command)
         return command
     require(len(unknowns) == size, f"{size} equations need {size} unknowns, upper.free names {len(unknowns)}")
