@@ -127,3 +127,10 @@ def test_hostile_boxes_are_given_up() -> None:
     places = [f"1.{i:03d}1" for i in range(100)]
     assert check(certificate(of, lower="1", witnesses=lower_witness(places))).outcome is not Outcome.PROVED
     assert check(certificate(of, lower="1", witnesses=lower_witness([LONG] * 10))).outcome is not Outcome.PROVED
+
+
+@pytest.mark.parametrize(("name", "fine"), [("k", True), ("k" * 80, True), ("", False), ("k" * 81, False), ("k\n", False), (1, False)])
+def test_names_of_parameters(name: Any, fine: bool) -> None:
+    of = boxed(["1", "0", "1"], constant(["1", "0", "1"]), ("1", "1", "1"), "1.01")
+    of["box"]["parameters"][0]["name"] = name
+    assert found(of, "1", held("1", "1")).outcome is (Outcome.PROVED if fine else Outcome.MALFORMED)

@@ -305,3 +305,24 @@ def test_what_is_left_of_a_limited_tails_equality_is_priced(name: str) -> None:
                     assert abs(excess) < 1e-12
         expected += 3 * float_of(above) + (0.5 + 1 / 3) * float_of(below)
         assert float(price.mid()) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_tail_is_no_part_of_a_rest_of_the_state() -> None:
+    for side in ("lower", "upper"):
+        one = changed(proven_tail("pitch"), lambda data, side=side: data["claim"].update({side: None}))
+        assert outcome(one) is Outcome.PROVED
+        assert outcome(changed(one, lambda data: data["task"].update(rest="state"))) is Outcome.MALFORMED
+
+
+@pytest.mark.parametrize(
+    ("limits", "displacement"), [(("1/2", "1"), "0.7"), (("-1", "-1/2"), "-0.7"), (("-1", "1/2"), "0.7"), (("-1/2", "1"), "-0.7")]
+)
+def test_limits_that_exclude_the_input_at_a_rest(limits: tuple[str, str], displacement: str) -> None:
+    """The initial one, 0, and the final one of 1/(s + 1)."""
+    of = task(["1"], ["1", "1"], displacement, limits=limits)
+    assert "exclude the input" in check(certificate(of, lower="1/10", witnesses=(costate((("-1", "0"), [("1", "0")])), None))).reason
+
+
+def test_samples_without_a_box() -> None:
+    sampled = {**costate((("0", "0"), [("1", "0")])), "samples": [{"place": ["1"], "residual": []}]}
+    assert outcome(certificate(INTEGRATOR, lower="1/2", witnesses=(sampled, None))) is Outcome.MALFORMED
