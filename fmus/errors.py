@@ -6,7 +6,8 @@
     ├── PlatformError        the FMU holds no binary for this machine
     ├── BuildError           a plant cannot be compiled or packed
     ├── CallFailed           an FMI function returned something other than OK
-    └── LinearizationError   the FMU gives no linear plant at this operating point
+    ├── LinearizationError   the FMU gives no linear plant at this operating point
+    └── DecayError           a measured decay holds no mode that could be identified
 
 What an FMU does wrong *during a run* is not an exception but a `RunStatus`.
 """
@@ -41,6 +42,10 @@ class LinearizationError(FmuError):
         """`status` is the `RunStatus` of an FMU that failed; None if it is the request that cannot be met."""
         super().__init__(message)
         self.status = status
+
+
+class DecayError(FmuError):
+    """A measured decay holds no mode that could be identified."""
 
 
 class CallFailed(FmuError):

@@ -210,6 +210,65 @@ def sensitivity(
         return _svg(figure, name)
 
 
+def responses(
+    name: str,
+    curves: Mapping[str, tuple[ArrayLike, ArrayLike, ArrayLike]],
+    *,
+    end: float,
+    target: float,
+    displacement: float,
+    command_label: str,
+    output_label: str,
+) -> str:
+    """Several runs on one another: what was commanded, the output, and its distance from the target; a curve is times, input, output.
+
+    `end` [s] is when the longest move ends, `displacement` = |Δ| > 0 in the output's unit.
+    """
+    with mpl.rc_context(_rc(name)):
+        figure = Figure(figsize=(_WIDTH, 6.8), layout="constrained")
+        above, middle, below = figure.subplots(3, 1, sharex=True, height_ratios=(2, 3, 3))
+        middle.axhline(target, color=_LIMIT, linewidth=1.0, linestyle=(0, (4, 3)))
+        for number, (label, (times, command, output)) in enumerate(curves.items()):
+            t, u, y = _arrays(times=times, command=command, output=output)
+            seen = t <= 2.0 * end
+            look: dict[str, Any] = _look(number)
+            above.step(t[seen], u[seen], where="post", **look)
+            middle.plot(t[seen], y[seen], label=label, **look)
+            below.plot(t[seen], 100.0 * (y[seen] - target) / displacement, **look)
+        below.set_ylim(-10.0, 10.0)
+        above.set_ylabel(command_label)
+        middle.set_ylabel(output_label)
+        below.set_ylabel("from target [% of move]")
+        below.set_xlabel("time [s]")
+        middle.legend(loc="best")
+        for axes in (above, middle, below):
+            axes.margins(x=0.01)
+        _tidy_offsets(middle)
+        return _svg(figure, name)
+
+
+def sweeps(name: str, curves: Mapping[str, tuple[ArrayLike, ArrayLike]], *, parameter_label: str, quantity_label: str) -> str:
+    """A quantity over a parameter, one named curve a command, on a logarithmic axis; a curve is values and results."""
+    with mpl.rc_context(_rc(name)):
+        figure = Figure(figsize=(_WIDTH, 3.6), layout="constrained")
+        axes = figure.subplots()
+        for number, (label, (values, results)) in enumerate(curves.items()):
+            x, y = _arrays(values=values, results=results)
+            axes.plot(x, np.maximum(y, 1e-12), marker="os^D"[number % 4], markersize=4.0, label=label, **_look(number))
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")
+        axes.set_xlabel(parameter_label)
+        axes.set_ylabel(quantity_label)
+        axes.legend(loc="best")
+        return _svg(figure, name)
+
+
+def _look(number: int) -> dict[str, Any]:
+    """A colour and a line that tell this curve from its neighbours in print as well."""
+    styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2))), (_LINE, _SECOND, _INK, _BAD)
+    return {"color": colours[number % 4], "linestyle": styles[number % 4], "linewidth": 1.3}
+
+
 def costs(name: str, sizes: ArrayLike, curves: Mapping[str, ArrayLike], *, size_label: str, cost_label: str = "time [s]") -> str:
     """What something costs against its size, one named curve a part of it, on logarithmic axes; `sizes` (n,) and costs are positive."""
     (x,) = _arrays(sizes=sizes)

@@ -7,6 +7,7 @@ The same `RunLog` gives the same bytes: no clock, no random numbers. Checksums f
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import struct
 import zlib
@@ -19,6 +20,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
+from mcap.reader import make_reader
 from mcap.records import (
     Attachment,
     AttachmentIndex,
@@ -243,6 +245,35 @@ def parse_log(data: bytes) -> RunLog:
     if whole and shown != expected:
         raise LogError(f"the messages of {VERDICT_TOPIC} and the metadata {VERDICT} do not agree")
     return log
+
+
+def json_series(path: str | os.PathLike[str], place: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times [s] and values of the field `place`, "/topic.field.inner", of messages in JSON that any program wrote.
+
+    Raises `LogError` naming the topics or fields there are, `OSError`.
+    """
+    topic, *fields = place.split(".")
+    rows: list[tuple[float, float]] = []
+    try:
+        with Path(path).open("rb") as stream:
+            reader = make_reader(stream, validate_crcs=True)
+            for _, channel, message in reader.iter_messages(topics=[topic]):
+                if channel.message_encoding != "json":
+                    raise LogError(f"messages of {topic} are written in {channel.message_encoding or 'no known encoding'}, not in JSON")
+                value = json.loads(message.data)
+                for name in fields:
+                    value = value[int(name)] if isinstance(value, list) else value[name]
+                rows.append((message.log_time / 1e9, float(value)))
+            if not rows:
+                summary = reader.get_summary()
+                topics = sorted({channel.topic for channel in summary.channels.values()}) if summary else []
+                raise LogError(f"no messages of {topic}; it has {', '.join(topics) or 'none'}")
+    except (LookupError, TypeError, ValueError) as problem:
+        raise LogError(f"messages of {topic} have no number at {'.'.join(fields) or 'their root'}: {problem!r}") from None
+    except (McapError, struct.error, zstandard.ZstdError) as problem:
+        raise LogError(f"damaged: {problem}") from None
+    table = np.array(rows)
+    return table[:, 0] - table[0, 0], table[:, 1]
 
 
 def _check(data: bytes) -> tuple[int, bool]:

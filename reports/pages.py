@@ -12,7 +12,7 @@ from importlib.resources import files
 from typing import Any
 from urllib.parse import quote
 
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
 from reports import formatting
@@ -44,18 +44,9 @@ def render(results: Mapping[str, Any], charts: Mapping[str, str]) -> str:
         raise RecordError(f'results have "format": "slewcert-results/1"; these have {results.get("format")!r}')
     if results["verdict"] == "pass" and any(r["verdict"] != "pass" for r in results["requirements"]):
         raise RecordError("the results contradict themselves: the verdict is pass, but not every requirement's")
-    folder = files("reports")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
-    environment.filters |= {
-        "number": formatting.number,
-        "exact": formatting.exact,
-        "with_unit": formatting.with_unit,
-        "anchor": _anchor,
-        "link": _link,
-    }
-    template = environment.from_string((folder / "page.html.j2").read_text(encoding="utf-8"))
+    template, css = _template("page.html.j2")
     return template.render(
-        css=Markup((folder / "page.css").read_text(encoding="utf-8")),  # our own file
+        css=css,
         r=results,
         verdict=_verdict(results["verdict"]),
         lead=_lead(results),
@@ -68,6 +59,51 @@ def render(results: Mapping[str, Any], charts: Mapping[str, str]) -> str:
         units=[{**u, "value": formatting.with_unit(formatting.number(u["value"]), u["unit"])} for u in results.get("units", ())],
         charts={caption: Markup(svg) for caption, svg in charts.items()},  # their labels are escaped
     )
+
+
+def render_comparison(record: Mapping[str, Any], charts: Mapping[str, str]) -> str:
+    """The page for `record` (slewcert-comparison/1) and its charts."""
+    template, css = _template("comparison.html.j2")
+    minimum = record["minimum_time"]
+    return template.render(
+        css=css,
+        r=record,
+        requirements=[
+            {**asked, "limit": formatting.with_unit(formatting.bounds(asked), asked["unit"])} for asked in record["requirements"]
+        ],
+        commands=[{**row, "verdict": _verdict(row["verdict"]), "cells": _cells(record, row)} for row in record["commands"]],
+        minimum=None if minimum is None else (_BOUNDS.get(minimum["status"], (str(minimum["status"]), ""))[0], minimum),
+        charts={caption: Markup(svg) for caption, svg in charts.items()},  # their labels are escaped
+    )
+
+
+def _cells(record: Mapping[str, Any], row: Mapping[str, Any]) -> list[dict[str, Any] | None]:
+    """A value and a verdict for each requirement; None where a command was not asked for it."""
+    cells: list[dict[str, Any] | None] = []
+    for asked in record["requirements"]:
+        found = row["requirements"].get(asked["id"])
+        value = (
+            None
+            if found is None
+            else formatting.quantity(asked["quantity"], found["value"], found["verdict"], (asked["min"], asked["max"]))
+        )
+        cells.append(None if found is None else {"value": value, "verdict": _verdict(found["verdict"])})
+    return cells
+
+
+def _template(name: str) -> tuple[Template, Markup]:
+    """A template of ours with its filters, and the style sheet."""
+    folder = files("reports")
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    environment.filters |= {
+        "number": formatting.number,
+        "exact": formatting.exact,
+        "with_unit": formatting.with_unit,
+        "anchor": _anchor,
+        "link": _link,
+    }
+    css = Markup((folder / "page.css").read_text(encoding="utf-8"))  # our own file
+    return environment.from_string((folder / name).read_text(encoding="utf-8")), css
 
 
 def _verdict(verdict: str) -> dict[str, str]:

@@ -76,6 +76,30 @@ def verify(study: Path, out: Path | None, jobs: int, resume: bool, force: bool, 
 
 
 @main.command()
+@click.argument("paths", nargs=-1, required=True, metavar="STUDY|FOLDER...", type=click.Path(exists=True, path_type=Path))
+@click.option("--shaper", "kinds", multiple=True, metavar="KIND", help="Compare the study with these shapers; one or several.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the page, and for the evidence of studies.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=lambda: os.cpu_count() or 1, show_default="cores", help="Runs at a time.")
+@click.option("--force", is_flag=True, help="Replace evidence folders that exist.")
+@SANDBOX
+@AS_JSON
+@guarded
+def compare(paths: tuple[Path, ...], kinds: tuple[str, ...], out: Path, jobs: int, force: bool, as_json: bool) -> None:
+    """Compare commands for one machine in one report: evidence folders as they are, studies once they are verified.
+
+    Exit code 0: compared, whatever the verdicts; 2: bad input.
+    """
+    from suite import comparison, console, console_shapers
+
+    with console.progress("comparing") as shown:
+        done = comparison.compare(paths, kinds, out, jobs=jobs, force=force, about=lambda name: shown.advance())
+    if as_json:
+        print_json(done.record)
+    else:
+        console_shapers.show_comparison(done)
+
+
+@main.command()
 @click.argument("studies", nargs=-1, required=True, metavar="STUDY...", type=click.Path(path_type=Path))
 @click.option("--certificate", type=click.Path(path_type=Path), help="Write the proof to this file; of several studies, into this folder.")
 @SANDBOX
@@ -295,6 +319,14 @@ def linearize(
 @main.command()
 @click.argument("kind")
 @click.option("--mode", "modes", multiple=True, metavar="FREQUENCY(Hz|rad/s):DAMPING", help="A mode, such as 1.0Hz:0.05; one or several.")
+@click.option(
+    "--decay",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Take the modes from a measured decay: a table (CSV; times first) or a log (MCAP).",
+)
+@click.option("--signal", metavar="NAME", help="Which column, variable, or /topic.field of JSON messages of the decay.")
+@click.option("--from", "begin", type=float, help="Seconds: where the decay begins; default: the start, or where a log's command ends.")
+@click.option("--until", type=float, help="Seconds: where it ends.")
 @click.option("--tolerance", type=float, default=0.05, show_default=True, help="Residual vibration allowed, a fraction of the unshaped.")
 @click.option(
     "--band",
@@ -323,7 +355,7 @@ def shaper(as_json: bool, plot: Path | None, exports: tuple[Path, ...], save: Pa
 
     Exit code 0: done; 1: there is no such shaper; 2: bad input.
     """
-    from suite import console, shaper_files, shaping
+    from suite import console_shapers, shaper_files, shaping
 
     shaper_files.known(exports)
     done = shaping.design(shaping.Asked(**words))
@@ -336,7 +368,7 @@ def shaper(as_json: bool, plot: Path | None, exports: tuple[Path, ...], save: Pa
     if as_json:
         print_json(done.to_dict())
     else:
-        console.show_shaper(done)
+        console_shapers.show_shaper(done)
 
 
 main.add_command(fmus)

@@ -1,4 +1,7 @@
-"""What people see in a terminal: tables on standard output, progress and messages on standard error. The only module that imports rich."""
+"""What people see in a terminal: tables on standard output, progress and messages on standard error.
+
+With `suite.console_shapers` the only module that imports rich.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from rich.table import Table
 from suite.campaign import RunResult
 from suite.evidence import number
 from suite.inspecting import summary, terminal_lines, variable_rows
-from suite.shaper_text import shaper_lines, study_lines
+from suite.shaper_text import study_lines
 from suite.table_text import BRACKET, bracket_cells, table_cells
 from suite.verification import Progress, Verification
 
@@ -30,7 +33,6 @@ if TYPE_CHECKING:
     from suite.collection import Bracketed
     from suite.linear import Linear
     from suite.review import Review
-    from suite.shaping import Shaping
     from suite.simulation import Simulated
     from suite.tables import Table as DisplacementTable
 
@@ -40,7 +42,8 @@ MOST_STATES = 12  # whose values are shown
 WIDTH = 140  # of tables that are written to a file or a pipe, where no terminal says how wide it is
 
 
-def _out() -> Console:
+def out() -> Console:
+    """Standard output, without highlighting."""
     console = Console(highlight=False)
     return console if console.is_terminal else Console(highlight=False, width=WIDTH)
 
@@ -76,7 +79,7 @@ def verification_record(done: Verification) -> dict[str, Any]:
 
 def show_verification(done: Verification) -> None:
     """The verdict table, the bracket, the worst case, and where the report lies."""
-    console, results = _out(), done.results
+    console, results = out(), done.results
     table = Table(title=escape(results["title"] or results["study"]["file"]), title_justify="left", title_style="bold")
     for heading in ("requirement", "quantity", "value", "± error", "limit", "margin", "worst run", "verdict"):
         table.add_column(heading, justify="right" if heading in ("value", "± error", "limit", "margin") else "left")
@@ -84,17 +87,17 @@ def show_verification(done: Verification) -> None:
         table.add_row(
             escape(entry["id"]),
             escape(entry["quantity"] + (f" [{entry['unit']}]" if entry["unit"] else "")),
-            _short(entry["value"]),
-            _short(entry["error"], 2),
+            short(entry["value"]),
+            short(entry["error"], 2),
             _limits(entry),
-            _short(entry["margin"], 3),
+            short(entry["margin"], 3),
             escape(entry["worst_run"] or "–"),
-            _coloured(entry["verdict"]),
+            coloured(entry["verdict"]),
         )
     console.print(table)
     for entry in results["requirements"]:
         if entry["verdict"] != "pass":
-            console.print(f"{_coloured(entry['verdict'])}  {escape(entry['id'])}: {escape(entry['reason'])}", soft_wrap=True)
+            console.print(f"{coloured(entry['verdict'])}  {escape(entry['id'])}: {escape(entry['reason'])}", soft_wrap=True)
     _show_bracket(console, results["bound"])
     if results["shaper"] is not None:
         for line in study_lines(results["shaper"]):
@@ -106,12 +109,12 @@ def show_verification(done: Verification) -> None:
     for entry in results["requirements"]:
         if entry["si"]:
             console.print(
-                escape(f"in SI units: {entry['id']}: {_short(entry['si']['value'])} {entry['si']['unit']}, {_limits(entry['si'])}")
+                escape(f"in SI units: {entry['id']}: {short(entry['si']['value'])} {entry['si']['unit']}, {_limits(entry['si'])}")
             )
     for note in results["notes"]:
         console.print(f"note: {escape(note)}", soft_wrap=True)
     console.print(f"report: {escape(str(done.report))}", soft_wrap=True)
-    console.print(f"verdict: {_coloured(done.verdict.value)}")
+    console.print(f"verdict: {coloured(done.verdict.value)}")
 
 
 def _worst_case(results: Mapping[str, Any]) -> Iterator[str]:
@@ -127,7 +130,7 @@ def _worst_case(results: Mapping[str, Any]) -> Iterator[str]:
 
 def show_bound(done: Bracketed) -> None:
     """The bracket of the minimum time, the switch times and the tail of the command, and where the certificate lies."""
-    study, made, console = done.study, done.design, _out()
+    study, made, console = done.study, done.design, out()
     console.print(escape(study.title or study.file.name), style="bold")
     _show_bracket(console, done.to_dict())
     command = made.bound.command
@@ -159,7 +162,7 @@ def _tail(tail: Tail) -> str:
 
 def show_collection(table: Sequence[Bracketed]) -> None:
     """One row a study: poles, zeros, switches, both sides, relative gap, status, milliseconds."""
-    console = _out()
+    console = out()
     shown = Table()
     for heading in ("study", "poles", "zeros", *BRACKET):
         shown.add_column(escape(heading), justify="left" if heading in ("study", "status") else "right")
@@ -175,7 +178,7 @@ def show_collection(table: Sequence[Bracketed]) -> None:
 
 def show_table(done: DisplacementTable, exports: Sequence[Path]) -> None:
     """One row a displacement, and what was written."""
-    console, shown = _out(), Table()
+    console, shown = out(), Table()
     headings, rows = table_cells(done)
     for heading in headings:
         shown.add_column(escape(heading), justify="left" if heading == "status" else "right")
@@ -200,7 +203,7 @@ def _show_bracket(console: Console, bound: Mapping[str, Any]) -> None:
 
 def show_simulated(done: Simulated, output: str) -> None:
     """How the run ended, what was measured, and the convergence study if there is one."""
-    console = _out()
+    console = out()
     console.print(escape(f"{done.status.value}{f': {done.detail}' if done.detail else ''}"), soft_wrap=True)
     grid = f"{done.points} points until {done.stop:.9g} s, one every {done.step:.9g} s"
     console.print(f"{done.interface}, {grid}; {len(done.messages)} messages", soft_wrap=True)
@@ -214,7 +217,7 @@ def show_simulated(done: Simulated, output: str) -> None:
             table.add_column(heading, justify="right")
         for row in done.convergence:
             order = "–" if row.order is None else f"{row.order:.2f}"
-            table.add_row(f"{row.step:.6g}", _short(row.tolerance, 2), f"{row.change:.3g}", order)
+            table.add_row(f"{row.step:.6g}", short(row.tolerance, 2), f"{row.change:.3g}", order)
         console.print(table)
     if done.log is not None:
         console.print(f"log: {escape(str(done.log))}", soft_wrap=True)
@@ -222,7 +225,7 @@ def show_simulated(done: Simulated, output: str) -> None:
 
 def show_inspection(found: Inspection) -> None:
     """What the FMU is, its variables, its terminals, and what prevents or limits a run here."""
-    console = _out()
+    console = out()
     for name, value in summary(found):
         console.print(f"{name:13} {escape(value)}", soft_wrap=True)
     rows = variable_rows(found)
@@ -246,10 +249,10 @@ def show_inspection(found: Inspection) -> None:
 
 def show_review(done: Review) -> None:
     """A row for each requirement, what does not agree, and the outcome."""
-    console = _out()
+    console = out()
     table = Table("requirement", "recorded", "recomputed", "verdict")
     for row in done.rows:
-        table.add_row(escape(row.id), _short(number(row.recorded)), _short(number(row.recomputed)), _coloured(row.verdict))
+        table.add_row(escape(row.id), short(number(row.recorded)), short(number(row.recomputed)), coloured(row.verdict))
     if done.rows:
         console.print(table)
     for finding in done.findings:
@@ -283,7 +286,7 @@ def catalogue_record(plants: Sequence[Entry]) -> dict[str, Any]:
 
 def show_catalogue(plants: Sequence[Entry]) -> None:
     """One row a plant: domain, from which input to which output, poles and zeros."""
-    console = _out()
+    console = out()
     table = Table()
     for heading in ("plant", "domain", "input", "output", "poles [rad/s]", "zeros [rad/s]"):
         table.add_column(escape(heading))
@@ -315,7 +318,7 @@ def show_linear(done: Linear) -> None:
     """The operating point, poles and modes, zeros, how it was found and how far the FMU is from it."""
     found, request, how = done.found, done.request, done.found.identification
     entry, output = (f" {escape(done.unit(name))}".rstrip() for name in (request.input, request.output))
-    console = _out()
+    console = out()
     console.print(escape(f"{done.fmu.path.name}: {request.input} → {request.output}"), style="bold", soft_wrap=True)
     console.print(escape(f"found: {found.summary}"), soft_wrap=True)
     places = [(request.input, f"{found.u:.10g}{entry}"), (request.output, f"{found.y:.10g}{output}")]
@@ -331,7 +334,7 @@ def show_linear(done: Linear) -> None:
     console.print(f"zeros, rad/s: {zeros or 'none'}; gain {done.gain:.10g}", soft_wrap=True)
     if how is not None:
         console.print(f"singular values: {', '.join(f'{value:.1g}' for value in how.singular_values)}", soft_wrap=True)
-        tried = ", ".join(f"{order}: {_short(error, 2)}" for order, error in how.orders)
+        tried = ", ".join(f"{order}: {short(error, 2)}" for order, error in how.orders)
         console.print(f"error of each order on another input: {tried}; chosen: {how.order}", soft_wrap=True)
     for amplitude, error, duration, step in done.checks:
         moves = f"the response to moves of ±{amplitude:.4g}{entry} over {duration:.4g} s in steps of {step:.3g} s"
@@ -353,10 +356,10 @@ def _numbered(modes: Sequence[Mode]) -> list[str]:
 def _mode_cells(mode: Mode) -> list[str]:
     pole, order = mode.pole, mode.pole.multiplicity
     flexible = (pole.natural_frequency / (2 * math.pi), pole.natural_frequency, pole.damping_ratio) if pole.is_flexible else (None,) * 3
-    moved = _short(mode.step_amplitude, 4)
+    moved = short(mode.step_amplitude, 4)
     if pole.is_rigid:  # after a unit step r/s^(k+1), that is r t^k/k!
         moved = f"{mode.residues[-1].real / math.factorial(order):.4g} t{f'^{order}' if order > 1 else ''}"
-    return [_root(pole.value), _short(mode.uncertainty, 1), *(_short(x) for x in flexible), _short(mode.time_constant, 4), moved]
+    return [_root(pole.value), short(mode.uncertainty, 1), *(short(x) for x in flexible), short(mode.time_constant, 4), moved]
 
 
 def _root(value: complex) -> str:
@@ -370,26 +373,13 @@ def _shares(states: Sequence[str], participation: Sequence[float]) -> str:
     return ", ".join(f"{name} {share:.0%}" for share, name in shares if share >= 0.05)
 
 
-def show_shaper(done: Shaping) -> None:
-    """Impulses, duration with its lower bound, insensitivity, and the proven worst case."""
-    console = _out()
-    shaper = done.shaper
-    table = Table(*map(escape, ("from [s]", "for [s]", "height [1/s]") if shaper.pulses else ("instant [s]", "amplitude")))
-    for column in table.columns:
-        column.justify = "right"
-    pulses = [(pulse.start, pulse.width, pulse.height) for pulse in shaper.pulses]
-    for row in pulses or zip(shaper.times, shaper.amplitudes, strict=True):
-        table.add_row(*(f"{number:.10f}" for number in row))
-    console.print(table)
-    for line in shaper_lines(done):
-        console.print(escape(line), soft_wrap=True)
-
-
-def _coloured(verdict: str) -> str:
+def coloured(verdict: str) -> str:
+    """A verdict in capitals and in its colour."""
     return f"[{STYLES.get(verdict, 'bold')}]{escape(verdict.upper())}[/]"
 
 
-def _short(value: float | None, digits: int = 6) -> str:
+def short(value: float | None, digits: int = 6) -> str:
+    """A number in so many digits, a dash for none."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,14 @@ if TYPE_CHECKING:
 def shaper_lines(done: Shaping) -> Iterator[str]:
     """Duration with its lower bound, insensitivity, and the proven worst case."""
     request = done.request
+    if done.decay is not None:
+        found = done.decay
+        left = f"rms {found.decay.rms:.3g} is left of {found.decay.samples} samples"
+        yield f"decay of {found.signal}, {found.begin:g} to {found.end:g} s: {left}"
+        for number, mode in enumerate(found.decay.modes, 1):
+            frequency, error = mode.mode.frequency / (2 * math.pi), mode.frequency_error / (2 * math.pi)
+            damped = f"damping {mode.mode.damping:.6g} ± {mode.damping_error:.1g}"
+            yield f"  mode {number}: {frequency:.8g} ± {error:.1g} Hz, {damped}, amplitude {mode.amplitude:.4g} (measured)"
     yield f"duration: {done.shaper.duration!r} s"
     if done.least:
         yield f"least duration of {done.least.among}: {done.least.duration!r} s: proved"

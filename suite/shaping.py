@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +17,7 @@ from relaxations.sensitivity import insensitivity
 from relaxations.shaper_kinds import BAND, KINDS, TOLERANCE, Least, Request, find, make, mistakes
 from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper
+from suite.decays import Measured, measured_decay
 from suite.errors import SuiteError
 from suite.suggestions import did_you_mean
 from suite.values import mode_text
@@ -42,6 +43,10 @@ class Asked:
     pulse: float | None = None
     height: float | None = None
     impulses: str | None = None
+    decay: Path | None = None
+    signal: str | None = None
+    begin: float | None = None
+    until: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +69,7 @@ class Shaping:
     insensitivity: float
     reaches: tuple[Reach, ...]
     damping: tuple[float, float] | None
+    decay: Measured | None = None
 
     @property
     def worst(self) -> tuple[float, float]:
@@ -86,6 +92,7 @@ class Shaping:
             "times": whole["times"],
             "amplitudes": whole["amplitudes"],
             "pulses": whole.get("pulses", []),
+            "decay": self.decay and self.decay.to_dict(),
             "duration": self.shaper.duration,
             "least_duration": least,
             "insensitivity": {f"{self.request.tolerance:g}": self.insensitivity},
@@ -108,8 +115,11 @@ def design(asked: Asked) -> Shaping:
 
     Raises `SuiteError` naming every mistake, `ImpossibleShaperError` if there is no such shaper.
     """
-    request, damping = _request(asked)
-    return assess(asked.kind, request, damping)
+    measured = None
+    if asked.decay is not None:
+        measured = measured_decay(asked.decay, asked.signal, asked.begin, asked.until)
+    request, damping = _request(asked, () if measured is None else tuple(found.mode for found in measured.decay.modes))
+    return replace(assess(asked.kind, request, damping), decay=measured)
 
 
 def assess(kind: str, request: Request, damping: tuple[float, float] | None = None) -> Shaping:
@@ -132,7 +142,7 @@ def assess(kind: str, request: Request, damping: tuple[float, float] | None = No
     return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping)
 
 
-def _request(asked: Asked) -> tuple[Request, tuple[float, float] | None]:
+def _request(asked: Asked, known: tuple[Mode, ...]) -> tuple[Request, tuple[float, float] | None]:
     wrong: list[str] = []
 
     def tried(name: str, read: Callable[[], R]) -> R | None:
@@ -159,10 +169,12 @@ def _request(asked: Asked) -> tuple[Request, tuple[float, float] | None]:
         if value is not None and not 0.0 < value < math.inf:
             wrong.append(f"--{option} {value!r}: {what}")
     given = None if asked.impulses is None else tried("--impulses", lambda: impulses_of(str(asked.impulses)))
-    if not asked.modes:
-        wrong.append("--mode is missing: a shaper needs at least one, such as --mode 1.0Hz:0.05")
+    if not asked.modes and not known:
+        wrong.append("--mode is missing: a shaper needs at least one, such as --mode 1.0Hz:0.05, or a measured --decay")
+    if asked.decay is None and (asked.signal, asked.begin, asked.until) != (None, None, None):
+        wrong.append("--signal, --from and --until say what of a --decay is looked at, which is missing")
     request = Request(
-        modes=tuple(mode for mode in modes if mode),
+        modes=(*known, *(mode for mode in modes if mode)),
         tolerance=asked.tolerance,
         negative=asked.negative,
         sums=sums,

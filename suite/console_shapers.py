@@ -1,0 +1,41 @@
+"""Shapers and comparisons on a terminal."""
+
+from __future__ import annotations
+
+from rich.markup import escape
+from rich.table import Table
+
+from suite.comparison import Comparison
+from suite.console import coloured, out, short
+from suite.shaper_text import shaper_lines
+from suite.shaping import Shaping
+
+
+def show_shaper(done: Shaping) -> None:
+    """Impulses, duration with its lower bound, insensitivity, and the proven worst case."""
+    console = out()
+    shaper = done.shaper
+    table = Table(*map(escape, ("from [s]", "for [s]", "height [1/s]") if shaper.pulses else ("instant [s]", "amplitude")))
+    for column in table.columns:
+        column.justify = "right"
+    pulses = [(pulse.start, pulse.width, pulse.height) for pulse in shaper.pulses]
+    for row in pulses or zip(shaper.times, shaper.amplitudes, strict=True):
+        table.add_row(*(f"{number:.10f}" for number in row))
+    console.print(table)
+    for line in shaper_lines(done):
+        console.print(escape(line), soft_wrap=True)
+
+
+def show_comparison(done: Comparison) -> None:
+    """One row a command, and where the page lies."""
+    console = out()
+    table = Table(title=escape(done.record["title"]), title_justify="left", title_style="bold")
+    for heading in ("command", "takes [s]", "over the minimum", "worst residual", "failing", "verdict"):
+        table.add_column(escape(heading), justify="left" if heading in ("command", "failing", "verdict") else "right")
+    for row in done.record["commands"]:
+        over = row["over_lower_bound"]
+        failing = ", ".join(name for name, found in row["requirements"].items() if found["verdict"] != "pass")
+        cells = (short(row["maneuver_time"]), "–" if over is None else f"{over:+.1%}", short(row["worst"].get("residual_vibration")))
+        table.add_row(escape(row["name"]), *cells, escape(failing) or "–", coloured(row["verdict"]))
+    console.print(table)
+    console.print(f"report: {escape(str(done.page))}", soft_wrap=True)
