@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -19,37 +19,29 @@ from numpy.typing import NDArray
 from relaxations import certificates, programs
 from relaxations.bounds import (
     CUTS,
-    NOT_PROVEN,
     Bound,
     Settings,
     Status,
     bracket,
     contacts,
     cut,
-    extended,
     instants,
-    staircase,
 )
-from relaxations.boxes import Listed
 from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
-from relaxations.duality import Costate, lower_bound
+from relaxations.duality import Costate
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.polishing import Polished, polish
 from relaxations.refinement import Extremal, outline
-from relaxations.repair import SNAP, Repaired, exact, pivots, repair
-from relaxations.robust import Sampled, at_rest_at_once, further, minimum, within
-from relaxations.sampling import MISSED, sampled_bracket
+from relaxations.repair import SNAP, pivots
+from relaxations.robust import further, minimum
+from relaxations.robust_proofs import robust_time
+from relaxations.sampling import sampled_bracket
+from relaxations.sides import RADII, Proof, Side, accepted, concluded, instant_proof, landed, lower_side
 
 Reals = NDArray[np.float64]
-
-MARGINS = (2e-14, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5)
-"""Relative distance of a lower claim from the floating-point bound: the closest one that the checker accepts is claimed."""
-
-RADII = (1e-22, 1e-14, 1e-10, 1e-8)
-"""Radii of Krawczyk's test relative to the maneuver time."""
 
 SMALL = 1e-7
 """The finest of them times the equations' condition: the test contracts where that is small."""
@@ -57,48 +49,11 @@ SMALL = 1e-7
 BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
 
-HELD = (2e-5, 6e-5, 3e-4)
-"""How far beyond it a command may go that is to hold in a whole box."""
-
 FINER = (1, 4, 16, 64)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
 
-REGULAR, GOOD, LIMITED, ROBUST = 1e-12, 1e-7, 1e-6, 1e-4
+REGULAR, GOOD, LIMITED = 1e-12, 1e-7, 1e-6
 """Gaps at which the search ends: what a regular optimum comes to; on the finer grids; with further limits, and with a box."""
-
-
-@dataclass(frozen=True, slots=True)
-class Side:
-    """A proven side: the claim and its witness."""
-
-    claim: Fraction
-    witness: dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Proof:
-    """What has been proven so far; the upper side with its command and number of switches (None: a staircase)."""
-
-    lower: Side | None = None
-    upper: Side | None = None
-    command: Command | None = None
-    switches: int | None = None
-
-    @property
-    def gap(self) -> float:
-        """Relative width; infinite if a side is missing."""
-        if self.lower is None or self.upper is None:
-            return np.inf
-        if self.lower.claim == self.upper.claim:
-            return 0.0
-        return float(self.upper.claim / self.lower.claim - 1) if self.lower.claim else np.inf
-
-    def better(self, other: Proof) -> Proof:
-        """The better side of each."""
-        lower = max((side for side in (self.lower, other.lower) if side), key=lambda side: side.claim, default=None)
-        first = other.upper is None or (self.upper is not None and self.upper.claim <= other.upper.claim)
-        above = self if first else other
-        return Proof(lower, above.upper, above.command, above.switches)
 
 
 def minimum_time(problem: Problem, settings: Settings | None = None, near: float | None = None) -> Bound:
@@ -119,7 +74,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         if not any(sample.basis.size for sample in problem.residuals.samples):
             problem = replace(problem, residuals=None)  # bodies alone: they are at rest together
         elif problem.maneuver.sample_time is None:
-            return _robust(problem, task, chosen, near, begun)
+            return robust_time(problem, task, chosen, near, begun)
         else:
             free = minimum(replace(problem, maneuver=replace(problem.maneuver, sample_time=None)), chosen, guess=near)
             problem = replace(free.problem, maneuver=replace(free.problem.maneuver, sample_time=problem.maneuver.sample_time))
@@ -144,7 +99,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         # Nothing is known then but that no time is less than 0.
         nothing, seconds = np.zeros(problem.size), time.perf_counter() - begun
         return Bound(Status.BRACKETED, 0.0, None, nothing, None, None, f"no bracket was found: {trouble}", count, seconds)
-    return _concluded(task, proof, replace(found, programs=count), time.perf_counter() - begun)
+    return concluded(task, proof, replace(found, programs=count), time.perf_counter() - begun)
 
 
 def _at_ease(problem: Problem, task: dict[str, Any], settings: Settings) -> Bound | None:
@@ -158,7 +113,7 @@ def _at_ease(problem: Problem, task: dict[str, Any], settings: Settings) -> Boun
     if problem.fuel is not None and found.command.fuel(problem.rest) > problem.fuel:
         return None
     proof = _prove(problem.eased, task, found, settings)
-    return _concluded(task, proof, found, 0.0) if proof.gap <= REGULAR else None
+    return concluded(task, proof, found, 0.0) if proof.gap <= REGULAR else None
 
 
 def _rests_on_a_limit(problem: Problem) -> bool:
@@ -168,45 +123,10 @@ def _rests_on_a_limit(problem: Problem) -> bool:
     return not rests.isdisjoint((maneuver.limits.lower, maneuver.limits.upper))
 
 
-def _concluded(task: dict[str, Any], proof: Proof, found: Bound, seconds: float) -> Bound:
-    """The bracket with what was proven of it."""
-    lower, upper = proof.lower, proof.upper
-    content = certificates.certificate(*_claimed(task, lower, upper)) if lower or upper else None
-    missing = [name for name, side in (("lower", lower), ("upper", upper)) if side is None]
-    reason = None if not missing else f"not proven: the {' and the '.join(missing)} side" + (f"; {found.reason}" if found.reason else "")
-    return replace(
-        found,
-        status=Status.BRACKETED if missing else Status.PROVED,
-        lower=_rounded(lower.claim, -np.inf) if lower else found.lower,
-        upper=_rounded(upper.claim, np.inf) if upper else found.upper,
-        command=proof.command if upper else found.command,
-        switches=proof.switches if upper else found.switches,
-        reason=reason,
-        seconds=seconds,
-        certificate=content,
-    )
-
-
-def _rounded(exact: Fraction, towards: float) -> float:
-    """The nearest double that is not on the unsafe side of an exact bound."""
-    nearest = float(exact)
-    unsafe = Fraction(nearest) > exact if towards < 0 else Fraction(nearest) < exact
-    return float(np.nextafter(nearest, towards)) if unsafe else nearest
-
-
-def _claimed(task: dict[str, Any], lower: Side | None, upper: Side | None) -> tuple[dict[str, Any], dict[str, Any], Any, Any]:
-    claim = {"lower": lower and certificates.text(lower.claim), "upper": upper and certificates.text(upper.claim), "impossible": None}
-    return task, claim, lower and lower.witness, upper and upper.witness
-
-
-def _accepted(task: dict[str, Any], lower: Side | None = None, upper: Side | None = None) -> bool:
-    return check(certificates.certificate(*_claimed(task, lower, upper))).outcome is Outcome.PROVED
-
-
 def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Settings) -> Proof:
     """Both sides of one bracket: of the extremal if there is one, else of the grid."""
     if found.upper == 0.0 and found.command is not None:
-        return _instant(problem, task, found)
+        return instant_proof(problem, task, found)
     proof, extremal = Proof(), None if problem.maneuver.sample_time is not None else found.dual
     problem = extremal.problem if extremal else problem
     if isinstance(extremal, programs.GridSolution) and found.upper is not None and problem.bang_bang:
@@ -225,27 +145,13 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         for dual in (found.dual, above):
             if dual is not None:
                 posed = replace(dual.problem, maneuver=problem.maneuver)
-                proof = proof.better(Proof(_lower(posed, task, dual, _near(problem, found, dual))))
+                proof = proof.better(Proof(lower_side(posed, task, dual, _near(problem, found, dual))))
     return proof
 
 
-def _near(problem: Problem, found: Bound, dual: Extremal | programs.GridSolution | Costate) -> float:
+def _near(problem: Problem, found: Bound, dual: programs.GridSolution | Extremal | Costate) -> float:
     """Where to look for the longest time that a dual refutes: of a plant that begins elsewhere than at rest, at its own."""
     return dual.maneuver_time if found.upper is None or problem.begin is not None else found.upper
-
-
-def _lower(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
-    """The lower side of a costate in doubles: the closest claim that is accepted."""
-    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.fuel)
-    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.fuel)
-    step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS]
-    if step is not None:
-        claims = [problem.on_grid(value) - k * step for k in (0, 1)]
-    for claim in claims if value > 0.0 else ():
-        side = Side(claim, witness)
-        if _accepted(task, lower=side):
-            return side
-    return None
 
 
 def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polished: Polished) -> Proof:
@@ -256,9 +162,9 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
     above = Fraction(float(np.nextafter(middle, np.inf)))
     for upper in _witnesses(problem, extremal, polished.maneuver_time, polished.starts, polished.tail):
         side = Side(above, upper)
-        if _accepted(task, lower, side):
+        if accepted(task, lower, side):
             return Proof(lower, side, _bang_bang(problem, extremal, polished, above), len(polished.starts) - 1)
-    return Proof(lower if lower and _accepted(task, lower=lower) else None)
+    return Proof(lower if lower and accepted(task, lower=lower) else None)
 
 
 def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: Bound) -> Side | None:
@@ -267,7 +173,7 @@ def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: 
     for witness in _witnesses(problem, extremal, extremal.maneuver_time, starts, found.tail):
         for margin in (1e-14, 1e-13, 1e-12):
             side = Side(Fraction(extremal.maneuver_time * (1.0 + margin)), witness)
-            if _accepted(task, upper=side):
+            if accepted(task, upper=side):
                 return side
     return None
 
@@ -335,24 +241,9 @@ def _repaired(problem: Problem, task: dict[str, Any], grids: Iterator[tuple[Real
         except SolverError:
             continue
         for snap in (SNAP, 0.0)[: 2 if problem.residuals is None else 1]:
-            if (proof := _landed(problem, task, solution, snap)) is not None:
+            if (proof := landed(problem, task, solution, snap)) is not None:
                 return proof, solution
     return Proof(), solution
-
-
-def _landed(problem: Problem, task: dict[str, Any], solution: programs.GridSolution, snap: float = SNAP) -> Proof | None:
-    """The upper side of a program's solution, repaired; None if that is not accepted."""
-    tie = problem.maneuver.sample_time is not None and solution.fraction > 1.0 - MISSED  # the minimum may be a whole number of samples
-    fixed = (exact(solution) if tie else None) or (repair(solution, snap) if solution.reaches else None)
-    if fixed is None:
-        return None
-    names = certificates.tail_unknowns(problem)
-    free = [*(["level", i, 0] for i in fixed.free_levels), *(names[i] for i in fixed.free_tail)]
-    tail = certificates.tail_chains(problem, fixed.tail)
-    duration, starts = problem.on_grid(fixed.maneuver_time), [problem.on_grid(start) for start in fixed.starts]
-    witness = certificates.command_witness(duration, starts, fixed.levels, tail, free, fixed.radius)
-    side = Side(duration, witness)
-    return Proof(None, side, _staircase(problem, fixed)) if _accepted(task, upper=side) else None
 
 
 def _impossible(problem: Problem) -> Iterator[tuple[str, dict[str, Any] | None]]:
@@ -362,71 +253,3 @@ def _impossible(problem: Problem) -> Iterator[tuple[str, dict[str, Any] | None]]
     box = problem.maneuver.box
     if box is not None and (place := box.beyond()) is not None:
         yield "final", certificates.place_witness(problem, place)
-
-
-def _robust(problem: Problem, task: dict[str, Any], settings: Settings, near: float | None, begun: float) -> Bound:
-    """Both sides of a robust task, on finer and finer grids; `near` is a guess at its minimum time [s]."""
-    if at_rest_at_once(problem):
-        command, nothing = Command(0.0, (), Tail(problem.absolute(problem.hold))), np.zeros(0)
-        found = Bound(Status.BRACKETED, 0.0, 0.0, nothing, command, 0, NOT_PROVEN, 0, 0.0)
-        return _concluded(task, _instant(problem, task, found), found, time.perf_counter() - begun)
-    proof, found, count, trouble = Proof(), None, 0, ""
-    for factor in FINER:
-        finer = settings.finer(factor)
-        try:
-            found = minimum(problem, finer, found, near)
-            count += found.programs
-            if found.solution is None:
-                break
-            upper, tightened = _held(task, found, finer)
-            count += tightened.programs
-        except SolverError as met:
-            trouble = str(met)
-            break
-        lower = _lower(found.problem, task, found.solution, found.solution.maneuver_time)
-        proof, found = proof.better(upper).better(Proof(lower)), replace(found, problem=tightened.problem, looks=tightened.looks)
-        if proof.gap <= ROBUST or (factor > 1 and proof.upper is None):
-            break
-    dual = found and (found.solution or found.below)
-    if dual is not None and not dual.reaches:
-        trouble = f"no command was found: at T = {dual.maneuver_time:.6g} s the grid reaches {dual.fraction:.3g} of the target"
-    reason = trouble or "no command found is proven to keep the tolerance between the plants that were looked at"
-    command = None if found is None or found.solution is None else staircase(found.problem, found.solution)
-    upper = None if command is None else command.maneuver_time
-    costate = np.zeros(problem.size) if dual is None else dual.costate
-    bound = Bound(Status.BRACKETED, 0.0, upper, costate, command, None, reason, count, 0.0, dual=dual)
-    done, box = _concluded(task, proof, bound, time.perf_counter() - begun), problem.maneuver.box
-    if done.status is Status.PROVED and box is not None and isinstance(box.family, Listed):
-        known = f"sampled: both sides are proven for the {len(box.family.plants)} plants of the box that are known"
-        return replace(
-            done, status=Status.BRACKETED, reason=f"{known}; the lower one holds for the whole box then, the upper one only there"
-        )
-    return done
-
-
-def _held(task: dict[str, Any], found: Sampled, settings: Settings) -> tuple[Proof, Sampled]:
-    """The upper side of a robust task: a command whose residual is proven over the whole box, as little beyond the minimum as works."""
-    for beyond in HELD:
-        found, clean = within(found, beyond, settings)
-        assert found.solution is not None
-        if clean and (proof := _landed(found.problem, task, found.solution, SNAP)) is not None:
-            return proof, found
-    return Proof(), found
-
-
-def _instant(problem: Problem, task: dict[str, Any], found: Bound) -> Proof:
-    """T* = 0: a tail alone, from the first instant on; that no time is less than 0 needs no costate."""
-    tail = certificates.tail_chains(problem, found.tail)
-    size = float(np.abs(found.tail).max(initial=0.0)) or 1.0
-    lower = Side(Fraction(0), certificates.costate_witness(problem, found.costate))
-    for radius in RADII[2:]:
-        side = Side(Fraction(0), certificates.command_witness(0.0, [], [], tail, certificates.tail_unknowns(problem), radius * size))
-        if _accepted(task, lower, side):
-            return Proof(lower, side, found.command, 0)
-    return Proof(lower)
-
-
-def _staircase(problem: Problem, fixed: Repaired) -> Command:
-    segments = tuple(Segment(float(s), float(v)) for s, v in zip(fixed.starts, fixed.levels, strict=True))
-    duration = _rounded(problem.on_grid(fixed.maneuver_time), np.inf)
-    return Command(duration, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(fixed.tail)))

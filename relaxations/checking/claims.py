@@ -12,7 +12,7 @@ from typing import Any
 import flint
 from flint import fmpq
 
-from relaxations.checking import boxes, lower, upper
+from relaxations.checking import lower, members, upper
 from relaxations.checking.balls import system, work
 from relaxations.checking.reading import Malformed, Refuted, Undecided, read
 
@@ -66,7 +66,7 @@ def check(content: bytes) -> Check:
         for bits in BITS:
             flint.ctx.prec = bits
             try:
-                boxes.sensible(certificate.task)
+                members.sensible(certificate.task)
                 posed = system(certificate.task)
                 if claimed.impossible is not None:
                     lower.impossible(posed, claimed.impossible, certificate.lower)
@@ -108,7 +108,7 @@ def claim(found: Check) -> str:
         lines += [f"  {name:<12} [{', '.join(plant[name])}]" for name in ("numerator", "denominator")]
         if plant["zeros"]:
             lines.append("  further zeros of the command: " + ", ".join(f"{count} at {name}" for name, count in plant["zeros"].items()))
-    lines += boxes.plants(task)
+    lines += members.plants(task)
     rest, (low, high), tail = REST["box" if task["box"] else task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
     start, begins = task["initial_state"], f"Task: from rest at input {task['initial_input']}"
     if start is not None:
@@ -121,7 +121,7 @@ def claim(found: Check) -> str:
     lines.append(f"Limits: {low} ≤ u(t) ≤ {high} for all t ≥ 0.")
     if fuel := task["limits"]["fuel"]:
         lines.append(f"  The fuel ∫|u(t) - {task['initial_input']}| dt of the move, from 0 to T, is at most {fuel}.")
-    lines += boxes.promises(task)
+    lines += members.promises(task)
     who = "no measurable command within the limits"
     if step := task["limits"]["sample_time"]:
         lines.append(f"  u is constant on each [k h, (k + 1) h), h = {step} s, and T is a whole number of h.")

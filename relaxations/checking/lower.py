@@ -7,7 +7,7 @@ enough, and balls cannot decide an equality. Two exact criteria then speak of a 
 asks for ∫_0^T e^{as} u ds + ∫_0^∞ e^{-ar} v dr = m:
 
 face       if u may leave 0 to one side only, and m is 0 or on the other side, then u is 0 almost everywhere: nothing moves.
-final      of a box: a plant of it comes to rest too far from the target, whatever the command (`boxes.Shift`).
+final      of a box: a plant of it comes to rest too far from the target, whatever the command (`members.Shift`).
 remainder  if a is stable and u_ss is a limit, then m = u_ss ∫_0^∞ e^{as} ds, v is on one side of 0, and the left side is never that large.
 
 A budget of fuel adds μ fuel on the right, μ ≥ 0, and σ(p) = max(0, upper (p - μ)) + max(0, lower (p + μ)), both parts of the kind above. It
@@ -22,7 +22,7 @@ from typing import Any
 import flint
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes
+from relaxations.checking import boxes, members
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -33,7 +33,7 @@ def impossible(system: System, criterion: str, witness: Any) -> None:
     """Prove that no admissible command reaches the target in any time, or raise `Undecided`."""
     if criterion == "final":
         require(system.task.box is not None and bool(witness and len(witness.samples) == 1), "one plant that rests too far from its target")
-        boxes.too_far(system.task, witness.samples[0].place)
+        members.too_far(system.task, witness.samples[0].place)
         return
     if system.begin:
         raise Undecided("the criteria speak of moves from rest")

@@ -1,0 +1,146 @@
+"""The sides of a bracket: what is proposed to the checker, and counts only when it accepts it.
+
+A costate proposes a lower side, a program's solution, repaired, an upper one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from relaxations import certificates, programs
+from relaxations.bounds import Bound, Status, extended
+from relaxations.checking.claims import Outcome, check
+from relaxations.commands import Command, Segment, Tail
+from relaxations.duality import Costate, lower_bound
+from relaxations.maneuvers import Problem
+from relaxations.refinement import Extremal
+from relaxations.repair import SNAP, Repaired, exact, repair
+from relaxations.sampling import MISSED
+
+MARGINS = (2e-14, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5)
+"""Relative distance of a lower claim from the floating-point bound: the closest one that the checker accepts is claimed."""
+
+RADII = (1e-22, 1e-14, 1e-10, 1e-8)
+"""Radii of Krawczyk's test relative to the maneuver time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """A proven side: the claim and its witness."""
+
+    claim: Fraction
+    witness: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """What has been proven so far; the upper side with its command and number of switches (None: a staircase)."""
+
+    lower: Side | None = None
+    upper: Side | None = None
+    command: Command | None = None
+    switches: int | None = None
+
+    @property
+    def gap(self) -> float:
+        """Relative width; infinite if a side is missing."""
+        if self.lower is None or self.upper is None:
+            return np.inf
+        if self.lower.claim == self.upper.claim:
+            return 0.0
+        return float(self.upper.claim / self.lower.claim - 1) if self.lower.claim else np.inf
+
+    def better(self, other: Proof) -> Proof:
+        """The better side of each."""
+        lower = max((side for side in (self.lower, other.lower) if side), key=lambda side: side.claim, default=None)
+        first = other.upper is None or (self.upper is not None and self.upper.claim <= other.upper.claim)
+        above = self if first else other
+        return Proof(lower, above.upper, above.command, above.switches)
+
+
+def concluded(task: dict[str, Any], proof: Proof, found: Bound, seconds: float) -> Bound:
+    """The bracket with what was proven of it."""
+    lower, upper = proof.lower, proof.upper
+    content = certificates.certificate(*_claimed(task, lower, upper)) if lower or upper else None
+    missing = [name for name, side in (("lower", lower), ("upper", upper)) if side is None]
+    reason = None if not missing else f"not proven: the {' and the '.join(missing)} side" + (f"; {found.reason}" if found.reason else "")
+    return replace(
+        found,
+        status=Status.BRACKETED if missing else Status.PROVED,
+        lower=_rounded(lower.claim, -np.inf) if lower else found.lower,
+        upper=_rounded(upper.claim, np.inf) if upper else found.upper,
+        command=proof.command if upper else found.command,
+        switches=proof.switches if upper else found.switches,
+        reason=reason,
+        seconds=seconds,
+        certificate=content,
+    )
+
+
+def _rounded(exact: Fraction, towards: float) -> float:
+    """The nearest double that is not on the unsafe side of an exact bound."""
+    nearest = float(exact)
+    unsafe = Fraction(nearest) > exact if towards < 0 else Fraction(nearest) < exact
+    return float(np.nextafter(nearest, towards)) if unsafe else nearest
+
+
+def _claimed(task: dict[str, Any], lower: Side | None, upper: Side | None) -> tuple[dict[str, Any], dict[str, Any], Any, Any]:
+    claim = {"lower": lower and certificates.text(lower.claim), "upper": upper and certificates.text(upper.claim), "impossible": None}
+    return task, claim, lower and lower.witness, upper and upper.witness
+
+
+def accepted(task: dict[str, Any], lower: Side | None = None, upper: Side | None = None) -> bool:
+    """Whether the checker proves a certificate of these sides."""
+    return check(certificates.certificate(*_claimed(task, lower, upper))).outcome is Outcome.PROVED
+
+
+def lower_side(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
+    """The lower side of a costate in doubles: the closest claim that is accepted."""
+    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.fuel)
+    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.fuel)
+    step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS]
+    if step is not None:
+        claims = [problem.on_grid(value) - k * step for k in (0, 1)]
+    for claim in claims if value > 0.0 else ():
+        side = Side(claim, witness)
+        if accepted(task, lower=side):
+            return side
+    return None
+
+
+def landed(problem: Problem, task: dict[str, Any], solution: programs.GridSolution, snap: float = SNAP) -> Proof | None:
+    """The upper side of a program's solution, repaired; None if that is not accepted."""
+    tie = problem.maneuver.sample_time is not None and solution.fraction > 1.0 - MISSED  # the minimum may be a whole number of samples
+    fixed = (exact(solution) if tie else None) or (repair(solution, snap) if solution.reaches else None)
+    if fixed is None:
+        return None
+    names = certificates.tail_unknowns(problem)
+    free = [*(["level", i, 0] for i in fixed.free_levels), *(names[i] for i in fixed.free_tail)]
+    tail = certificates.tail_chains(problem, fixed.tail)
+    duration, starts = problem.on_grid(fixed.maneuver_time), [problem.on_grid(start) for start in fixed.starts]
+    witness = certificates.command_witness(duration, starts, fixed.levels, tail, free, fixed.radius)
+    side = Side(duration, witness)
+    return Proof(None, side, staircase_of(problem, fixed)) if accepted(task, upper=side) else None
+
+
+def instant_proof(problem: Problem, task: dict[str, Any], found: Bound) -> Proof:
+    """T* = 0: a tail alone, from the first instant on; that no time is less than 0 needs no costate."""
+    tail = certificates.tail_chains(problem, found.tail)
+    size = float(np.abs(found.tail).max(initial=0.0)) or 1.0
+    lower = Side(Fraction(0), certificates.costate_witness(problem, found.costate))
+    for radius in RADII[2:]:
+        side = Side(Fraction(0), certificates.command_witness(0.0, [], [], tail, certificates.tail_unknowns(problem), radius * size))
+        if accepted(task, lower, side):
+            return Proof(lower, side, found.command, 0)
+    return Proof(lower)
+
+
+def staircase_of(problem: Problem, fixed: Repaired) -> Command:
+    """The command of a repaired solution, in doubles."""
+    segments = tuple(Segment(float(s), float(v)) for s, v in zip(fixed.starts, fixed.levels, strict=True))
+    duration = _rounded(problem.on_grid(fixed.maneuver_time), np.inf)
+    return Command(duration, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(fixed.tail)))
