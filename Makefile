@@ -29,7 +29,7 @@ test: env compiler ## set up and run the tests; says which groups it leaves out
 slow: env compiler ## the tests that take long
 	$(BIN)/pytest -m slow
 
-foreign: env compiler foreign-env ## the tests that need headless Chromium, Node, and ziglang, which is installed (100 MB)
+foreign: env compiler foreign-env ## the tests that need headless Chromium, Node, ziglang (100 MB), FMUs of other people (30 MB); the last two are installed
 	$(BIN)/pytest -m foreign
 
 benchmark: env compiler ## the measurements (installs CasADi to compare with)
@@ -69,7 +69,7 @@ compiler: env
 fmus: env compiler ## build the shipped plants
 	$(BIN)/slewcert fmus build
 
-foreign-env: tests/foreign/node_modules/.package-lock.json
+foreign-env: tests/foreign/node_modules/.package-lock.json tests/foreign/wheels/ready
 	@$(BIN)/python -c 'import ziglang' 2>/dev/null \
 	  || $(BIN)/python -m pip install $(PIP_FLAGS) --require-hashes --requirement requirements-compiler.lock
 
@@ -77,13 +77,22 @@ tests/foreign/node_modules/.package-lock.json: tests/foreign/package-lock.json
 	npm ci --prefix tests/foreign
 	@touch $@
 
+# Packages that carry FMUs, or make them: unpacked by the tests, never installed, so that what they ask for does not matter here.
+tests/foreign/wheels/ready: requirements-fmus.lock | env
+	rm -rf $(@D)
+	$(BIN)/python -m pip download $(PIP_FLAGS) --no-deps --only-binary :all: --require-hashes --requirement $< --dest $(@D)
+	@touch $@
+
 lock: env ## resolve the dependencies anew (needs uv)
 	uv pip compile pyproject.toml --extra dev --upgrade --output-file requirements.lock $(LOCK_FLAGS)
 	echo ziglang | uv pip compile - --upgrade --output-file requirements-compiler.lock $(LOCK_FLAGS)
 	echo casadi | uv pip compile - --constraint requirements.lock --upgrade --output-file requirements-benchmark.lock $(LOCK_FLAGS)
+	printf '%s\n' $(FMU_PACKAGES) | uv pip compile - --no-deps --upgrade --output-file requirements-fmus.lock $(LOCK_FLAGS)
+
+FMU_PACKAGES := gemseo-fmu crane-fmu component-model jsonpath-ng pythonfmu pythonfmu3
 
 # names, versions and hashes for every supported Python and platform; no index address, whatever this machine is set up with
 LOCK_FLAGS := --universal --python-version 3.11 --generate-hashes --no-config --no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' --quiet
 
 clean: ## remove the environment and everything made
-	rm -rf $(VENV) evidence build dist tests/foreign/node_modules
+	rm -rf $(VENV) evidence build dist tests/foreign/node_modules tests/foreign/wheels

@@ -57,8 +57,9 @@ class Child:
         # A copy of its own: the cache may not be visible in a sandbox.
         self.loop = None if loop is None else str(shutil.copyfile(loop, self.folder / loop.name))
         self.rows = Rows(self.folder)
-        root = str(Path(__file__).resolve().parent.parent)
-        path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+        # Absolute, as the child works elsewhere: FMUs made of Python code look there for what they import.
+        given = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+        path = os.pathsep.join(str(Path(entry).resolve()) for entry in (Path(__file__).resolve().parent.parent, *given))
         limits = [str(self.confinement.memory), str(self.confinement.file_size)]
         command = [sys.executable, "-P", "-m", "fmus.isolated", str(self.folder), *limits]
         try:

@@ -80,7 +80,8 @@ class Instance2(Instance):
         function = self.function("Instantiate", restype=c_void_p)
         kind = 1 if interface == "co_simulation" else 0
         uri = self.resources.as_uri().encode()
-        self._created(function(self.name, kind, self.token, uri, byref(self._callbacks), 0, 0))
+        arguments = self.name, kind, self.token, uri, byref(self._callbacks), 0
+        self._created(function(*arguments, 0) or function(*arguments, 1))  # one that refuses is asked again for its words
 
     def enter_initialization(self, stop: float | None, tolerance: float | None) -> None:
         self.call("SetupExperiment", tolerance is not None, tolerance or 0.0, 0.0, stop is not None, stop or 0.0)
@@ -207,17 +208,18 @@ class Instance3(Instance):
         self.ended = c_bool(False), c_bool(False), c_bool(False), c_double(0.0)
         # The standard wants a trailing separator, and NULL where there is no such folder.
         folder = os.path.join(self.resources, "").encode() if self.resources.is_dir() else None
-        common = (self.name, self.token, folder, False, False)
+        common = self.name, self.token, folder, False
         if interface == "co_simulation":
             function = self.function("InstantiateCoSimulation", restype=c_void_p)
             wanted = steps or Steps()
             self.early_return = wanted.early_return
             required, update = (c_uint * max(len(wanted.required), 1))(*wanted.required), self._intermediate_update(wanted)
             flags = wanted.event_mode, wanted.early_return
-            self._created(function(*common, *flags, required, len(wanted.required), None, logger, update))
+            rest = *flags, required, len(wanted.required), None, logger, update
+            self._created(function(*common, False, *rest) or function(*common, True, *rest))
         else:
             function = self.function("InstantiateModelExchange", restype=c_void_p)
-            self._created(function(*common, None, logger))
+            self._created(function(*common, False, None, logger) or function(*common, True, None, logger))
 
     def _intermediate_update(self, steps: Steps) -> c_void_p | None:
         """The callback of a step; an exception in it is kept until the step returns."""

@@ -29,6 +29,9 @@ TOLERANCE = 1e-10
 TIGHTER = 10.0
 """By how much a refined run of model exchange tightens that tolerance."""
 
+MOST_POINTS = 20_000_000
+"""Communication points that a run may have: their times, inputs and one output take a gigabyte."""
+
 Array = NDArray[np.float64]
 Interface = Literal["co-simulation", "model-exchange"]
 
@@ -136,12 +139,13 @@ def grid(start: float, stop: float, step: float, breakpoints: Iterable[float] = 
     """Communication points [s]: start + n·step, united with the breakpoints between start and stop, and stop itself.
 
     Each is computed from n, never accumulated. Of points closer than `MERGE`·step the breakpoint stays (start and stop
-    always do). Raises `FmuError` for a step that is not positive or a stop that is not after the start.
+    always do). Raises `FmuError` for a step that is not positive, a stop that is not after the start, or more than `MOST_POINTS` points.
     """
     if not (math.isfinite(step) and step > 0.0):
         raise FmuError(f"the communication step must be positive and finite, is {step!r} s")
     if not (math.isfinite(stop) and stop > start):
         raise FmuError(f"the run must stop after it starts: start {start!r} s, stop {stop!r} s")
+    _require_few(stop - start, step)
     near = MERGE * step
     fixed = [start]
     for point in sorted(breakpoints):
@@ -168,8 +172,14 @@ def multiples(stop: float, step: float, breakpoints: Iterable[float] = ()) -> Ar
 
     Raises `FmuError` naming the first breakpoint before the stop that is none of them.
     """
+    _require_few(stop, step)
     require_multiples((point for point in breakpoints if point < stop), step)
     return np.arange(samples(stop, step) + 1, dtype=np.float64) * step
+
+
+def _require_few(length: float, step: float) -> None:
+    if length / step > MOST_POINTS:
+        raise FmuError(f"{length:.6g} s in steps of {step:.6g} s are {length / step:.2g} communication points, more than {MOST_POINTS:,}")
 
 
 def require_multiples(breakpoints: Iterable[float], step: float) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from fmus.archives import Fmu
 from fmus.bench import Bench
-from fmus.descriptions import Description
+from fmus.descriptions import SETTABLE, Description
 from fmus.errors import FmuError
 from fmus.linearization import Linearization, Method, linearize
 from fmus.settling import natural_step
@@ -200,10 +200,10 @@ def _settings(request: Request, has: Description, mistakes: list[Mistake]) -> tu
             mistakes.append(Mistake("--set", text, "must be NAME=NUMBER, such as stiffness=2.5"))
         elif name == request.input:
             u0 = value
-        elif name in has.names("parameter"):
+        elif (found := variable("--set", name, has.find, (), mistakes)) is None:
+            continue
+        elif found.causality in SETTABLE:  # also an input that is held
             parameters[name] = value if variable("--set", name, has.settable_parameter, (), mistakes) else 0.0
-        elif name in has.names():
-            states[name] = value if variable("--set", name, has.settable_state, (), mistakes) else 0.0
         else:
-            variable("--set", name, has.find, (), mistakes)
+            states[name] = value if variable("--set", name, has.settable_state, (), mistakes) else 0.0
     return parameters, states, u0

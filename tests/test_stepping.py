@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -94,3 +95,10 @@ def test_a_trajectory_cannot_be_changed() -> None:
 def test_every_status_is_a_sentence_and_two_are_complete() -> None:
     assert {s for s in RunStatus if s.complete} == {RunStatus.FINISHED, RunStatus.WARNING}
     assert len({s.value for s in RunStatus}) == len(RunStatus)
+
+
+@pytest.mark.parametrize("points", [grid, multiples])
+def test_more_points_than_memory_holds_are_refused(points: Callable[..., object]) -> None:
+    arguments = (0.0, 1e9, 1e-6) if points is grid else (1e9, 1e-6)
+    with pytest.raises(FmuError, match=r"1e\+15 communication points, more than 20,000,000"):
+        points(*arguments)

@@ -370,3 +370,16 @@ def test_a_thousand_steps_take_milliseconds(fmu: Path, worker: Worker) -> None:
     best = min(worker.run(long, PATIENCE).seconds for _ in range(20))
     print(f"1000 steps: {1e3 * best:.2f} ms")
     assert best < 0.02  # measured: 4 ms on a machine of 2020, loaded
+
+
+@needs_proc
+def test_where_python_looks_for_modules_is_handed_on_as_absolute_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The child works elsewhere, and FMUs that embed Python import from there."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(("relative", "/absolute")))
+    with Worker() as worker:
+        finished(worker.run(experiment(build("two_mass")), PATIENCE))
+        assert worker._child is not None
+        environment = Path(f"/proc/{worker._child._process.pid}/environ").read_bytes().split(b"\0")
+    (path,) = [entry.decode() for entry in environment if entry.startswith(b"PYTHONPATH=")]
+    assert path.split("=")[1].split(os.pathsep)[1:] == [str(tmp_path / "relative"), "/absolute"]
