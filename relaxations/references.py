@@ -10,7 +10,7 @@ from fractions import Fraction
 from relaxations.bounds import Bound
 from relaxations.commands import Command, Tail
 from relaxations.errors import PlantError
-from relaxations.maneuvers import Limits, Maneuver, problem
+from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant, exact, fraction
 from relaxations.proofs import minimum_time
 
@@ -30,10 +30,15 @@ def rigid_part(plant: LinearPlant) -> LinearPlant:
     return LinearPlant.from_zeros_poles([], [Fraction(0)] * origin + real, gain)
 
 
+def rigid_problem(plant: LinearPlant, maneuver: Maneuver) -> Problem:
+    """The same move of the rigid part, within the same limits on the input. Raises `PlantError`."""
+    limits = Limits(maneuver.limits.lower, maneuver.limits.upper)
+    return problem([rigid_part(plant)], Maneuver(maneuver.displacement, limits, maneuver.rest))
+
+
 def rigid_move(plant: LinearPlant, maneuver: Maneuver) -> Bound:
     """The minimum time of the rigid part within the maneuver's limits on the input, its proof, and the command. Raises `PlantError`."""
-    limits = Limits(maneuver.limits.lower, maneuver.limits.upper)
-    return minimum_time(problem([rigid_part(plant)], Maneuver(maneuver.displacement, limits, maneuver.rest)))
+    return minimum_time(rigid_problem(plant, maneuver))
 
 
 def step(plant: LinearPlant, displacement: Fraction, rest: Fraction) -> Command:

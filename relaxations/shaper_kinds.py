@@ -6,10 +6,12 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import reduce
 
 from relaxations.bounded_shapers import bounded
 from relaxations.bounds import Status
+from relaxations.deflection import deflection_limited
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.humps import extra_insensitive, unity_magnitude
 from relaxations.impulses import derivative_shaper, mzv, negative_zv
@@ -31,7 +33,7 @@ class Request:
     impulse, `sums` bounds of the partial sums, `sample_time` [s] the grid of the instants; `simultaneous`: one solution for all modes
     instead of a convolution of one for each. `bands` (low, high, tolerance) take the place of band and tolerance: one for each mode, or
     several for one mode. `pulse` [s] draws impulses out to pulses of this width, `height` [1/s] is that of all pulses; `impulses` are a
-    shaper that is given.
+    shaper that is given. `deflection` limits how far the shaped step takes a mode from it, as a fraction of what an unshaped one does.
     """
 
     modes: tuple[Mode, ...]
@@ -45,6 +47,7 @@ class Request:
     pulse: float | None = None
     height: float | None = None
     impulses: Shaper | None = None
+    deflection: float | None = None
 
     def reaches(self) -> tuple[tuple[int, Band], ...]:
         """Every band with the number of its mode, from 0; raises `ShaperError` if bands and modes do not go together."""
@@ -89,7 +92,7 @@ class Kind:
     needs: frozenset[str] = frozenset()
 
 
-OPTIONS = ("negative", "sums", "sample_time", "simultaneous", "pulse", "height", "impulses")
+OPTIONS = ("negative", "sums", "sample_time", "simultaneous", "pulse", "height", "impulses", "deflection")
 """Members of `Request` that belong to some kinds only."""
 
 
@@ -204,12 +207,7 @@ def _sums(request: Request, number: int) -> Made:
 
 
 def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> Made:
-    low, high = (exact(repr(bound)) for bound in sums)
-    if not (low <= 0 and high >= 1):
-        raise ImpossibleShaperError(
-            f"partial sums begin at 0 and end at 1, so no shaper has them within [{sums[0]}, {sums[1]}]; "
-            "bounds are at most 0 and at least 1"
-        )
+    low, high = _bounds(sums)
     found = bounded(modes, low, high, number)
     proven = found.bound.lower if found.bound.status is Status.PROVED else None
     return Made(found.shaper, _least(proven, f"sequences with partial sums in [{sums[0]:g}, {sums[1]:g}] and these zeros", True))
@@ -225,11 +223,33 @@ def _on_off(request: Request, number: int) -> Made:
     return Made(found.shaper, _least(proven, f"pulses of at most {height:g} 1/s with these zeros"))
 
 
+def _deflected(request: Request, number: int) -> Made:
+    sums = request.sums or (0.0, 1.0)
+    low, high = _bounds(sums)
+    limit = request.deflection if request.deflection is not None else math.nan
+    shaper = deflection_limited(request.modes, limit, sums, number, request.sample_time)
+    bound = bounded(request.modes, low, high, number).bound
+    proven = bound.lower if bound.status is Status.PROVED else None
+    return Made(
+        shaper, _least(proven, f"sequences with partial sums in [{sums[0]:g}, {sums[1]:g}] and these zeros, whatever they deflect", True)
+    )
+
+
 def _given(request: Request, number: int) -> Made:
     assert request.impulses is not None
     if request.impulses.terms:
         raise ShaperError("what is computed here of a shaper is about impulses or pulses; this one has decaying terms")
     return Made(request.impulses)
+
+
+def _bounds(sums: tuple[float, float]) -> tuple[Fraction, Fraction]:
+    low, high = (exact(repr(bound)) for bound in sums)
+    if not (low <= 0 and high >= 1):
+        raise ImpossibleShaperError(
+            f"partial sums begin at 0 and end at 1, so no shaper has them within [{sums[0]}, {sums[1]}]; "
+            "bounds are at most 0 and at least 1"
+        )
+    return low, high
 
 
 _EITHER = frozenset({"simultaneous", "pulse"})
@@ -249,5 +269,7 @@ KINDS = (
          _EITHER | {"sums"}, frozenset({"sums"})),
     Kind("pulses-zv, pulses-zvd, pulses-zv-d:N", r"pulses-zv(?:(?P<d>d*)|-d:(\d+))", "pulses of one height and variable duration", _on_off,
          frozenset({"height", "sample_time", "simultaneous"}), frozenset({"height"})),
+    Kind("dl-zv, dl-zvd, dl-zv-d:N", r"dl-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest that deflects no mode beyond a limit", _deflected,
+         _EITHER | {"deflection", "sums", "sample_time"}, frozenset({"deflection"})),
     Kind("custom", "custom", "impulses that are given", _given, _PULSE | {"impulses"}, frozenset({"impulses"})),
 )  # fmt: skip

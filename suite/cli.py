@@ -343,6 +343,7 @@ def linearize(
 @click.option("--pulse", type=float, help="Seconds: draw every impulse out to a pulse of this width.")
 @click.option("--height", type=float, help="1/s: height of the pulses (pulses-zv).")
 @click.option("--impulses", metavar="INSTANT:AMPLITUDE,…|FILE.json", help="The impulses of a custom shaper.")
+@click.option("--deflection", type=float, help="How far a mode may stray from the shaped step, of an unshaped one's (dl-zv).")
 @click.option("--simultaneous", is_flag=True, help="One solution for all modes, not one shaper after the other.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw sensitivity and step response to this file (SVG).")
 @click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),

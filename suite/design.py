@@ -67,8 +67,9 @@ class Design:
             more = f", {abs(time / lower - 1.0):.2%} {'more' if time >= lower else 'less'} than the lower bound"
             more += "" if time >= lower else ", so it cannot leave the linear plant at rest"
         what = {"step": "a step", "rigid": "the fastest move of the rigid part", "file": "a command file"}[shaped.reference]
+        how = f"{shaped.shaping.kind}, following the mode" if shaped.follows else shaped.shaping.kind
         return (
-            f"The command is {what}, shaped ({shaped.shaping.kind}); it takes {time:.9g} s{more}. It is measured; proven is what stands "
+            f"The command is {what}, shaped ({how}); it takes {time:.9g} s{more}. It is measured; proven is what stands "
             "with its shaper, and the bracket, which is about the fastest of all commands."
         )
 

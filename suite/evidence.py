@@ -114,7 +114,7 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
 
 def _shaper(made: Shaped) -> dict[str, Any]:
     """The shaper of the command with what is proven of it, and what it shapes."""
-    return {**made.shaping.to_dict(), "reference": {"kind": made.reference, "maneuver_time": made.reference_time}}
+    return {**made.shaping.to_dict(), "reference": {"kind": made.reference, "maneuver_time": made.reference_time}, "follows": made.follows}
 
 
 def _initial_state(study: Study) -> dict[str, float] | list[float] | None:

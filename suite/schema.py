@@ -127,6 +127,14 @@ class Limits(Section):
     pulses: Count | None = None
 
 
+class Follow(Section):
+    """A mode that varies while the machine moves: the values of a parameter at some instants."""
+
+    parameter: Text
+    times: Numbers  # [s] after the start of the move, ascending
+    values: Numbers
+
+
 class Command(Section):
     """What kind of command is asked for."""
 
@@ -148,6 +156,8 @@ class Command(Section):
     pulse: Positive | None = None
     height: Positive | None = None
     impulses: Text | None = None
+    deflection: Positive | None = None
+    follow: Follow | None = None
     delays: Count | None = None
     form: Text | None = None
     type: ProfileType | None = None
@@ -329,6 +339,7 @@ NESTED: dict[str, type[Section]] = {
     "tail_length": TailLength,
     "zero_sensitivity": ZeroSensitivity,
     "distribution": Distribution,
+    "follow": Follow,
 }
 
 

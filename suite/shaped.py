@@ -7,12 +7,16 @@ from fractions import Fraction
 
 from relaxations.commands import Command
 from relaxations.errors import ImpossibleShaperError, PlantError, RelaxationsError
+from relaxations.following import followed, following_move
 from relaxations.maneuvers import Problem
 from relaxations.plants import LinearPlant
-from relaxations.references import rigid_move, step
+from relaxations.references import rigid_move, rigid_problem, step
+from relaxations.shaper_kinds import make
 from relaxations.shaper_modes import Mode
 from relaxations.shapers import shape
+from relaxations.streams import Schedule
 from suite.errors import ABSENT, Mistake, StudyError
+from suite.plants import plant_at
 from suite.shaping import Shaping, assess
 from suite.study import ShaperRequest, Study
 
@@ -21,12 +25,16 @@ ROUNDING = 1e-9  # of the distance between the limits
 
 @dataclass(frozen=True, slots=True)
 class Shaped:
-    """The shaper with what is proven of it, what it shapes ("step", "rigid" or "file") and for how long [s], and the command."""
+    """The shaper with what is proven of it, what it shapes ("step", "rigid" or "file") and for how long [s], and the command.
+
+    One that `follows` a varying mode is the shaper of the nominal plant only where the mode is the nominal one.
+    """
 
     shaping: Shaping
     reference: str
     reference_time: float
     command: Command
+    follows: bool = False
 
 
 def shaped(study: Study, asked: ShaperRequest, plant: LinearPlant, posed: Problem) -> Shaped:
@@ -44,13 +52,30 @@ def shaped(study: Study, asked: ShaperRequest, plant: LinearPlant, posed: Proble
         raise
     except RelaxationsError as problem:
         raise _refused(study, "shaper", str(problem), asked.kind) from None
-    rest = float(study.plant.initial_input)
     try:
-        command = shape(reference, shaping.shaper, rest)
+        if asked.follow is None:
+            command = shape(reference, shaping.shaper, float(study.plant.initial_input))
+        else:
+            reference, command = _following(study, asked, plant, posed, reference)
     except RelaxationsError as problem:
-        raise _refused(study, "reference", str(problem), kind) from None
+        raise _refused(study, "reference" if asked.follow is None else "follow", str(problem)) from None
     _within(study, asked, command)
-    return Shaped(shaping, kind, reference.maneuver_time, command)
+    return Shaped(shaping, kind, reference.maneuver_time, command, asked.follow is not None)
+
+
+def _following(study: Study, asked: ShaperRequest, plant: LinearPlant, posed: Problem, reference: Command) -> tuple[Command, Command]:
+    """The reference and what a shaper makes of it that follows the plant's modes."""
+    assert asked.follow is not None
+    parameter, times, values = asked.follow
+    shapers = []
+    for value in values:
+        there = plant_at(study, {parameter: value})
+        modes = tuple(Mode(pole.natural_frequency, pole.damping_ratio) for pole in there.flexible for _ in range(pole.multiplicity))
+        shapers.append(make(asked.kind, replace(asked.request, modes=modes)).shaper)
+    schedule = Schedule(times, tuple(shapers))
+    if plant.rigid_order or asked.reference == "rigid":
+        return following_move(rigid_problem(plant, posed.maneuver), reference, schedule)
+    return reference, followed(reference, schedule, float(study.plant.initial_input))
 
 
 def _reference(study: Study, asked: ShaperRequest, plant: LinearPlant, posed: Problem) -> tuple[str, Command]:

@@ -43,6 +43,7 @@ class Asked:
     pulse: float | None = None
     height: float | None = None
     impulses: str | None = None
+    deflection: float | None = None
     decay: Path | None = None
     signal: str | None = None
     begin: float | None = None
@@ -165,6 +166,7 @@ def _request(asked: Asked, known: tuple[Mode, ...]) -> tuple[Request, tuple[floa
         ("sample-time", asked.sample_time, "a positive number of seconds"),
         ("pulse", asked.pulse, "a positive number of seconds"),
         ("height", asked.height, "a positive number, in 1/s"),
+        ("deflection", asked.deflection, "a positive fraction of what an unshaped step deflects"),
     ):
         if value is not None and not 0.0 < value < math.inf:
             wrong.append(f"--{option} {value!r}: {what}")
@@ -184,6 +186,7 @@ def _request(asked: Asked, known: tuple[Mode, ...]) -> tuple[Request, tuple[floa
         pulse=asked.pulse,
         height=asked.height,
         impulses=given,
+        deflection=asked.deflection,
     )
     if not wrong:
         tried("--band", request.reaches)

@@ -145,13 +145,16 @@ class Limits:
 class ShaperRequest:
     """A shaper of this `kind`, as `request` says (no modes: the plant's own), its worst case over these `damping` ratios.
 
-    `reference` is what it shapes: "step", "rigid" (the fastest move of the rigid part), a command, or None: whichever of the two suits.
+    With `follow`, a parameter, instants [s] after the start of the move and its values at them, the modes are those of the plant with the
+    parameter's value of the moment. `reference` is what it shapes: "step", "rigid" (the fastest move of the rigid part), a command, or
+    None: whichever of the two suits.
     """
 
     kind: str
     request: Request
     damping: tuple[float, float] | None = None
     reference: Literal["step", "rigid"] | Command | None = None
+    follow: tuple[str, tuple[float, ...], tuple[Decimal, ...]] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,7 +52,7 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
         _requirement(item, i, plant, names, bool(written.uncertainty), mistakes) for i, item in _items(written.requirement)
     )
     uncertainties = tuple(_uncertainty(item, i, names, mistakes) for i, item in _items(written.uncertainty))
-    command = _command(written.command, file.parent, mistakes) if written.command else None
+    command = _command(written.command, file.parent, names, mistakes) if written.command else None
     if command is not None and command.given is not None and written.command is not None and written.limits is not None:
         _within(command.given, written.command.file, written.limits, plant, mistakes)
     if plant is not None and written.maneuver is not None and written.limits is not None:
@@ -152,7 +152,7 @@ def _box(plant: Plant, axes: list[tuple[int, Uncertainty]], mistakes: list[Mista
                 break
 
 
-def _command(written: schema.Command, folder: Path, mistakes: list[Mistake]) -> CommandRequest | None:
+def _command(written: schema.Command, folder: Path, names: PlantNames | None, mistakes: list[Mistake]) -> CommandRequest | None:
     start = written.start or Decimal(0)
     if written.kind == "file":
         if written.file is None:
@@ -160,7 +160,7 @@ def _command(written: schema.Command, folder: Path, mistakes: list[Mistake]) -> 
         given = read_command(written.file, folder, "command.file", mistakes)
         return None if given is None else CommandRequest("file", start=start, file=(folder / written.file).expanduser(), given=given)
     if written.kind == "shaper":
-        shaper = understand_shaper(written, folder, mistakes)
+        shaper = understand_shaper(written, folder, names, mistakes)
         return None if shaper is None else CommandRequest("shaper", start=start, shaper=shaper)
     tolerance, final = (written.tolerance, written.final_tolerance) if written.robustness == "box" else (None, None)
     return CommandRequest("time-optimal", written.robustness or 0, bool(written.tail), tolerance, final, start)

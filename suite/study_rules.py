@@ -46,6 +46,8 @@ BELONGS: dict[str, tuple[str, ...]] = {
     "pulse": ("shaper",),
     "height": ("shaper",),
     "impulses": ("shaper",),
+    "deflection": ("shaper",),
+    "follow": ("shaper",),
     "delays": ("pole-zero",),
     "form": ("pole-zero",),
     "file": ("file",),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
@@ -12,15 +13,16 @@ from relaxations.errors import CommandError, RelaxationsError, ShaperError
 from relaxations.shaper_kinds import BAND, KINDS, TOLERANCE, Request, find, mistakes
 from relaxations.shapers import Shaper
 from suite import schema
-from suite.errors import Mistake
+from suite.errors import ABSENT, Mistake
 from suite.shaping import band_of, impulses_of, mode_of
 from suite.study import ShaperRequest
+from suite.study_plant import PlantNames
 from suite.suggestions import did_you_mean
 
 R = TypeVar("R")
 
 
-def understand_shaper(written: schema.Command, folder: Path, wrong: list[Mistake]) -> ShaperRequest | None:
+def understand_shaper(written: schema.Command, folder: Path, known_names: PlantNames | None, wrong: list[Mistake]) -> ShaperRequest | None:
     """What the keys mean, or None and what is wrong with them."""
     if written.shaper is None:
         return None
@@ -42,6 +44,7 @@ def understand_shaper(written: schema.Command, folder: Path, wrong: list[Mistake
         bands=tuple(band for band in bands if band),
         pulse=_float(written.pulse),
         height=_float(written.height),
+        deflection=_float(written.deflection),
         impulses=None if written.impulses is None else _impulses(written.impulses, folder, wrong),
     )
     try:
@@ -53,10 +56,11 @@ def understand_shaper(written: schema.Command, folder: Path, wrong: list[Mistake
         wrong.append(Mistake("command.shaper", written.shaper, f"{problem}{did_you_mean(written.shaper, names)}"))
     reference = written.reference
     known = reference if reference in ("step", "rigid", None) else read_command(reference, folder, "command.reference", wrong)
+    follow = None if written.follow is None else _follow(written, known_names, wrong)
     if len(wrong) > before:
         return None
     damping = None if written.damping is None else _pair(written.damping)
-    return ShaperRequest(written.shaper, request, damping, known)
+    return ShaperRequest(written.shaper, request, damping, known, follow)
 
 
 def read_command(file: str, folder: Path, place: str, wrong: list[Mistake]) -> Command | None:
@@ -86,6 +90,28 @@ def _read(read: Callable[[], R], value: object, place: str, wrong: list[Mistake]
 def _impulses(text: str, folder: Path, wrong: list[Mistake]) -> Shaper | None:
     file = str((folder / text).expanduser()) if text.endswith(".json") else text
     return _read(lambda: impulses_of(file), text, "command.impulses", wrong)
+
+
+def _follow(
+    written: schema.Command, names: PlantNames | None, wrong: list[Mistake]
+) -> tuple[str, tuple[float, ...], tuple[Decimal, ...]] | None:
+    assert written.follow is not None
+    asked, place, before = written.follow, "command.follow", len(wrong)
+    times = tuple(float(time) for time in asked.times)
+    if written.modes is not None:
+        wrong.append(Mistake(f"{place}", ABSENT, "contradicts modes: what is followed are the plant's own"))
+    if len(times) < 2 or any(later <= earlier for earlier, later in itertools.pairwise(times)) or times[0] < 0.0:
+        wrong.append(Mistake(f"{place}.times", list(asked.times), "must be two or more instants in seconds, ascending from 0 on"))
+    if len(asked.values) != len(times):
+        wrong.append(Mistake(f"{place}.values", list(asked.values), f"must be as many as the times, {len(times)}"))
+    try:
+        if names is not None:
+            names.parameter(asked.parameter)
+        elif len(wrong) == before:
+            wrong.append(Mistake(f"{place}.parameter", asked.parameter, "is no parameter: a plant given as numbers has none"))
+    except ValueError as problem:
+        wrong.append(Mistake(f"{place}.parameter", asked.parameter, str(problem)))
+    return (asked.parameter, times, asked.values) if len(wrong) == before else None
 
 
 def _float(number: Decimal | None) -> float | None:

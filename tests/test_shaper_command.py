@@ -43,6 +43,7 @@ KINDS = {
     "mzv": [],
     "sna-zv": ["--negative", "0.4"],
     "sums-zv": ["--sums", "-0.5:1.5"],
+    "dl-zv": ["--deflection", "0.4"],
     "custom": ["--impulses", "0:0.25,0.3:0.5,0.7:0.25"],
     "none": [],
 }

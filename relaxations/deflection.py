@@ -1,0 +1,132 @@
+"""Deflection-limited shapers: the shaped step is spread so that no mode strays from it by more than a limit while it lasts.
+
+A mode that is commanded to follow u deflects by |y - u|, y its response `ω²/(s² + 2ζωs + ω²) u`: by 1 under a unit step, by 1/2 under a ZV
+shaper's. On instants kh the amplitudes of the shortest sequence with a smaller limit are a linear program: zero vibration and derivatives,
+partial sums within bounds, the deflection within its limit just before and just after every instant. The least number of samples is found
+by bisection, for waiting costs nothing. What lies between the instants is computed on a finer grid and kept within the limit too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
+from relaxations.sensitivity import step_response
+from relaxations.shaper_modes import Mode
+from relaxations.shapers import Shaper
+
+Reals = NDArray[np.float64]
+
+PER_HALF_PERIOD = 24  # samples of the fastest mode's half period, unless a sample time is given
+FINER = 16
+INSIDE = 2e-3  # of the limit: how much closer it is kept on the instants, for what lies between them
+FEASIBLE = 1e-9
+MOST_SAMPLES = 600
+ZERO = 1e-9  # an amplitude that is none
+
+
+def deflection(shaper: Shaper, mode: Mode, per_half_period: int = 400) -> float:
+    """The largest |y - u| of the mode under the shaped unit step, on a grid of so many instants in half a period and at every impulse."""
+    times, amplitudes = np.array(shaper.times), np.array(shaper.amplitudes)
+    sums, grid = np.cumsum(amplitudes), np.arange(0.0, shaper.duration, mode.half_period / per_half_period)
+    at = np.union1d(grid, times)
+    y = step_response(times, amplitudes, mode.frequency, mode.damping, at)
+    after = np.where(at >= times[0], sums[np.searchsorted(times, at, side="right") - 1], 0.0)
+    index = np.searchsorted(times, at, side="left") - 1
+    before = np.where(index < 0, 0.0, sums[np.maximum(index, 0)])
+    late = np.linspace(shaper.duration, shaper.duration + 2.0 * mode.half_period, 2 * per_half_period)
+    rest = np.abs(step_response(times, amplitudes, mode.frequency, mode.damping, late) - sums[-1])
+    return float(max(np.abs(y - after).max(), np.abs(y - before).max(), rest.max()))
+
+
+def deflection_limited(
+    modes: Sequence[Mode], limit: float, sums: tuple[float, float] = (0.0, 1.0), derivatives: int = 0, sample_time: float | None = None
+) -> Shaper:
+    """The shaper of fewest samples whose step deflects no mode by more than `limit`, with zero vibration and `derivatives` of it.
+
+    Raises `ShaperError` for a limit that is not positive, `ImpossibleShaperError` for samples that are too coarse, `SolverError`.
+    """
+    if not modes:
+        raise ShaperError("a shaper needs at least one mode")
+    if not 0.0 < limit < math.inf:
+        raise ShaperError(f"a limit of deflection is a positive fraction of that under an unshaped step, not {limit!r}")
+    fastest = min(mode.half_period for mode in modes)
+    step = fastest / PER_HALF_PERIOD if sample_time is None else sample_time
+    if step > fastest / 2.0:
+        raise ImpossibleShaperError(
+            f"a sample time of {step!r} s is too coarse to see how far a mode is deflected; at most {fastest / 2.0:.6g} s would do, "
+            "a quarter of the fastest mode's damped period"
+        )
+    fewest = max(math.ceil(max(mode.half_period for mode in modes) / step / 4.0), 2)
+    low, high, found = fewest, 2 * fewest, None
+    while found is None:
+        found = _amplitudes(modes, limit, sums, derivatives, step, high)
+        if found is None:
+            low, high = high, 2 * high
+            if low >= MOST_SAMPLES:
+                raise SolverError(
+                    f"{MOST_SAMPLES} samples of {step:.6g} s are not enough for a deflection of {limit!r}; a longer sample time "
+                    "or a larger limit needs fewer"
+                )
+            high = min(high, MOST_SAMPLES)
+    while high - low > 1:
+        middle = (low + high) // 2
+        better = _amplitudes(modes, limit, sums, derivatives, step, middle)
+        if better is None:
+            low = middle
+        else:
+            high, found = middle, better
+    kept = np.flatnonzero(np.abs(found) > ZERO)
+    first = kept[0]
+    return Shaper(tuple(float((k - first) * step) for k in kept), tuple(float(found[k]) for k in kept))
+
+
+def _amplitudes(
+    modes: Sequence[Mode], limit: float, sums: tuple[float, float], derivatives: int, step: float, samples: int
+) -> Reals | None:
+    """Amplitudes at instants 0 to `samples`, None if there are none within the limits."""
+    count, instants = samples + 1, step * np.arange(samples + 1)
+    since = instants - instants[-1]
+    rows = [np.ones(count)]
+    for mode in modes:
+        for power in range(derivatives + 1):
+            z = (since / instants[-1]) ** power * np.exp(mode.frequency * mode.direction * since)
+            rows += [z.real, z.imag]
+    equal, aim = np.array(rows), np.eye(len(rows))[0]
+    after, before = np.tri(count), np.tri(count, k=-1)
+    moved = [np.array([step_response([t], [1.0], m.frequency, m.damping, instants) for t in instants]).T for m in modes]
+    strays = np.vstack([y - u for y in moved for u in (after, before)])
+    room = limit * (1.0 - INSIDE)
+    above = np.vstack([strays, -strays, after, -after])
+    bounds = np.concatenate([np.full(2 * len(strays), room), np.full(count, sums[1]), np.full(count, -sums[0])])
+    tolerances = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+    # The least sum of sizes: few impulses, and no more motion than is needed.
+    split = linprog(
+        np.ones(2 * count),
+        A_ub=np.hstack([above, -above]),
+        b_ub=bounds + FEASIBLE,
+        A_eq=np.hstack([equal, -equal]),
+        b_eq=aim,
+        bounds=(0.0, None),
+        method="highs",
+        options=tolerances,
+    )
+    if split.status != 0:
+        return None
+    found = split.x[:count] - split.x[count:]
+    kept = np.abs(found) > ZERO
+    found[~kept] = 0.0
+    found[kept] += np.linalg.lstsq(equal[:, kept], aim - equal @ found, rcond=None)[0]
+    return found if np.abs(equal @ found - aim).max() <= 1e-12 and _within(found, modes, limit, step) else None
+
+
+def _within(amplitudes: Reals, modes: Sequence[Mode], limit: float, step: float) -> bool:
+    """Whether the limit holds between the instants too."""
+    kept = np.flatnonzero(np.abs(amplitudes) > ZERO)
+    shaper = Shaper(tuple(float((k - kept[0]) * step) for k in kept), tuple(map(float, amplitudes[kept])))
+    return all(deflection(shaper, mode, int(FINER * mode.half_period / step)) <= limit for mode in modes)
