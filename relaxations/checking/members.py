@@ -75,7 +75,6 @@ def sensible(task: Any) -> None:
     require(
         task.rest == "state" and not plant.zeros and task.limits.tail_length is None, "a box belongs to a state rest without further zeros"
     )
-    require(task.initial_state is None, "a box is about plants that begin at rest")
     require(box.tolerance > 0, "a tolerance is more than 0")
     require(box.final_tolerance is None or box.final_tolerance >= 0, "a final tolerance is 0 or more")
     require(all(p.low <= p.nominal <= p.high for p in box.parameters), "a parameter's nominal value lies in its range")
