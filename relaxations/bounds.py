@@ -356,7 +356,7 @@ def exponent_of(solution: programs.GridSolution) -> float:
     problem, costate = extended(solution.problem, solution.costate, solution.tail_multipliers)
     end = float(costate @ problem.rows([solution.maneuver_time])[:, 0])
     dead = float(np.clip(end, -solution.fuel, solution.fuel))
-    drift = float(solution.costate @ problem.aim(np.array([solution.maneuver_time]))[1][:, 0])
+    drift = float(solution.costate @ solution.problem.aim(np.array([solution.maneuver_time]))[1][:, 0])
     steepest = solution.maneuver_time * (max(problem.upper * (end - dead), problem.lower * (end - dead)) - solution.fraction * drift)
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0
 

@@ -29,7 +29,7 @@ from reports.records import RunLog
 from suite.design import grid_step
 from suite.ledger import Ledger
 from suite.observations import Setting, Subject, observe, record, thinned, with_verdict
-from suite.plants import plant_at
+from suite.plants import nominal_value, plant_at
 from suite.quantities import Facts, Observation, evaluate, window
 from suite.quantity_names import Quantity, parse_quantity
 from suite.starts import required_start, run_states
@@ -119,16 +119,6 @@ def samples(study: Study) -> tuple[Sample, ...]:
         if chosen != usual:
             made.append(Sample(f"{len(made):04d}", False, chosen, plant_at(study, chosen)))
     return tuple(made)
-
-
-def nominal_value(study: Study, parameter: str) -> Fraction:
-    """An uncertain parameter's nominal value: the study's, else the FMU's start value."""
-    fmu = study.plant.fmu
-    assert fmu is not None
-    if parameter in fmu.parameters:
-        return Fraction(fmu.parameters[parameter])
-    start = fmu.archive.description.find(parameter).start
-    return Fraction(repr(start)) if isinstance(start, float) else Fraction(start or 0)
 
 
 def settle(study: Study, sample: Sample, command: Command, bracket: tuple[float | None, float | None]) -> Setting:

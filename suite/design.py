@@ -85,7 +85,7 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
         study.command.tail,
         None if length is None else (Fraction(length[0]), Fraction(length[1])),
         {name: (Fraction(shift), Fraction(residual)) for name, (shift, residual) in study.limits.zero_sensitivity.items()},
-        box=box(study) if robust == "box" else None,
+        box=box(study, plant) if robust == "box" else None,
         sample_time=None if study.limits.sample_time is None else Fraction(study.limits.sample_time),
         initial=required_start(study, plant),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 from decimal import Decimal
@@ -10,13 +11,15 @@ from fractions import Fraction
 from fmus.errors import FmuError
 from fmus.twins import linear_plant as twin_plant
 from fmus.twins import read_twin, twin_family
-from relaxations.boxes import Axis, Box
-from relaxations.errors import PlantError
+from relaxations.boxes import Axis, Box, Listed
+from relaxations.errors import ManeuverError, PlantError
 from relaxations.plants import LinearPlant
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.study import FmuPlant, ModalPlant, Plant, RootsPlant, StateSpacePlant, Study, TransferPlant
 
 Value = Fraction | Decimal | float
+
+MOST_LISTED = 200  # linearisations of an FMU for one box: each takes a child process a moment
 
 
 def nominal_plant(study: Study) -> LinearPlant:
@@ -56,22 +59,52 @@ def linear_plant(plant: Plant, parameters: Mapping[str, Value] | None = None) ->
             return _twin(source, plant, {**source.parameters, **changed})
 
 
-def box(study: Study) -> Box:
-    """The plants over the study's whole box, as one family; raises `StudyError` where they are not known in closed form."""
-    source, plant = study.plant.source, study.plant
-    if not isinstance(source, FmuPlant) or source.archive.twin is None:
-        why = "needs plants that are known between the samples: a shipped plant, or an FMU with a linear twin (resources/twin.toml)"
+def box(study: Study, nominal: LinearPlant) -> Box:
+    """The plants over the study's whole box, of which `nominal` is one; raises `StudyError` for a plant given as numbers.
+
+    By an FMU's linear twin they are one family in closed form. Without, those of the study's grid are linearised one by one, each in a
+    child process, and nothing is known between them.
+    """
+    source, final = study.plant.source, study.command.final_tolerance
+    if not isinstance(source, FmuPlant):
+        why = "needs an FMU, whose parameters are uncertain: this version knows no uncertain modes of a plant given as numbers"
         raise StudyError(str(study.file), [Mistake("command.robustness", "box", why)])
-    varied = [axis.parameter for axis in study.uncertainties]
+    names = [axis.parameter for axis in study.uncertainties]
     try:
-        twin = read_twin(source.archive.twin, source.parameters)
-        family = twin_family(source.archive.twin, plant.output, varied, source.parameters)
+        axes = tuple(
+            Axis(axis.parameter, nominal_value(study, axis.parameter), Fraction(axis.lower), Fraction(axis.upper))
+            for axis in study.uncertainties
+        )
+        if source.by_twin:
+            assert source.archive.twin is not None
+            family = twin_family(source.archive.twin, study.plant.output, names, source.parameters)
+        else:
+            family = _listed(study, tuple(axis.nominal for axis in axes), nominal)
+        return Box(axes, family, Fraction(study.command.tolerance or 0), final_tolerance=None if final is None else Fraction(final))
+    except ManeuverError as problem:
+        raise StudyError(str(study.file), [Mistake("uncertainty", ABSENT, str(problem))]) from problem
     except FmuError as problem:
         raise StudyError(str(study.file), [Mistake("plant", ABSENT, str(problem))]) from problem
-    sides = ((axis, twin.parameters[axis.parameter]) for axis in study.uncertainties)
-    axes = tuple(Axis(axis.parameter, nominal, Fraction(axis.lower), Fraction(axis.upper)) for axis, nominal in sides)
-    final = study.command.final_tolerance
-    return Box(axes, family, Fraction(study.command.tolerance or 0), final_tolerance=None if final is None else Fraction(final))
+
+
+def _listed(study: Study, usual: tuple[Fraction, ...], nominal: LinearPlant) -> Listed:
+    places = list(itertools.product(*(axis.values for axis in study.uncertainties)))
+    if len(places) > MOST_LISTED:
+        why = f"would linearise the FMU at {len(places)} places, one by one; at most {MOST_LISTED} are, so ask for fewer samples"
+        raise StudyError(str(study.file), [Mistake("command.robustness", "box", why)])
+    names = [axis.parameter for axis in study.uncertainties]
+    others = ((place, plant_at(study, dict(zip(names, place, strict=True)))) for place in places if place != usual)
+    return Listed(((usual, nominal), *others))
+
+
+def nominal_value(study: Study, parameter: str) -> Fraction:
+    """An uncertain parameter's nominal value: the study's, else the FMU's start value."""
+    fmu = study.plant.fmu
+    assert fmu is not None
+    if parameter in fmu.parameters:
+        return Fraction(fmu.parameters[parameter])
+    start = fmu.archive.description.find(parameter).start
+    return Fraction(repr(start)) if isinstance(start, float) else Fraction(start or 0)
 
 
 def _twin(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value]) -> LinearPlant:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from relaxations.bounds import Status
 from relaxations.boxes import Axis, Family, Listed
 from relaxations.checking.claims import Outcome, check, claim
 from relaxations.plants import LinearPlant
+from suite.design import design
+from suite.loading import load_study
 
 
 @pytest.mark.parametrize("family", [SPRING, SERVO, LAG, TOW], ids=["spring", "servo", "lag", "tow"])
@@ -191,3 +194,20 @@ def test_a_list_of_other_plants_is_another_claim():
     assert forged(content, lambda d: d["task"]["box"]["plants"].append(between)) in {Outcome.REFUTED, Outcome.INCONCLUSIVE}
     assert forged(content, lambda d: d["task"]["box"]["plants"].pop(0)) is Outcome.MALFORMED  # the nominal one
     assert forged(content, lambda d: d["task"]["box"]["plants"].append(d["task"]["box"]["plants"][0])) is Outcome.MALFORMED
+
+
+def test_an_fmu_without_a_twin_is_known_at_its_samples_only(tmp_path: Path):
+    """Linearised one by one in child processes: the same plants, but for rounding, as the twin's, and no claim about those between."""
+    study = tmp_path / "study.toml"
+    study.write_text(
+        '[plant]\nfmu = "two_mass"\ninput = "force"\noutput = "position_2"\nlinearization = "derivatives"\n'
+        "[maneuver]\ndisplacement = 1.0\n[limits]\ninput = [-1.0, 1.0]\n"
+        '[command]\nrobustness = "box"\ntolerance = 0.05\n'
+        '[[uncertainty]]\nparameter = "stiffness"\nrange = [0.8, 1.2]\nsamples = 5\n'
+    )
+    bound = design(load_study(study)).bound
+    assert bound.status is Status.BRACKETED
+    assert (bound.reason or "").startswith("sampled: both sides are proven for the 5 plants")
+    assert bound.lower <= 5.397080
+    assert upper_of(bound) >= 5.396953 * (1 - 1e-5)  # fewer plants than in the box: theirs may be shorter
+    assert check(bound.certificate or b"").outcome is Outcome.PROVED
