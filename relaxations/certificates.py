@@ -64,6 +64,8 @@ def task(problem: Problem) -> dict[str, Any]:
         "limits": {
             "input": [text(maneuver.limits.lower), text(maneuver.limits.upper)],
             "fuel": None if maneuver.limits.fuel is None else text(maneuver.limits.fuel),
+            "pulse_width": None if maneuver.limits.pulse_width is None else text(maneuver.limits.pulse_width),
+            "pulses": maneuver.limits.pulses,
             "sample_time": None if maneuver.sample_time is None else text(maneuver.sample_time),
             "tail_length": length and {"time": text(length[0]), "within": text(length[1])},
             "zero_sensitivity": {

@@ -7,8 +7,9 @@ bracket ──► extremal, 45 digits ──► certificate of both sides       
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -33,13 +34,15 @@ from relaxations.commands import Command, Segment, Tail
 from relaxations.duality import Costate
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
+from relaxations.plants import fraction
 from relaxations.polishing import Polished, polish
 from relaxations.refinement import Extremal, outline
 from relaxations.repair import SNAP, pivots
 from relaxations.robust import further, minimum
 from relaxations.robust_proofs import robust_time
 from relaxations.sampling import sampled_bracket
-from relaxations.sides import RADII, Proof, Side, accepted, concluded, instant_proof, landed, lower_side
+from relaxations.sides import RADII, Proof, Side, accepted, concluded, instant_proof, landed, lower_side, rounded
+from relaxations.thrusters import Pulsed, admissible, pulsed_commands
 
 Reals = NDArray[np.float64]
 
@@ -48,6 +51,8 @@ SMALL = 1e-7
 
 BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
+
+TRIED = 12  # commands of pulses, the shortest ones, whose proof is tried
 
 FINER = (1, 4, 16, 64)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
@@ -70,6 +75,8 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         if check(content).outcome is Outcome.PROVED:
             nothing = np.zeros(problem.size)
             return Bound(Status.IMPOSSIBLE, 0.0, None, nothing, None, None, None, 0, time.perf_counter() - begun, certificate=content)
+    if problem.maneuver.limits.pulsed:
+        return replace(_pulsed(problem, task, chosen, near), seconds=time.perf_counter() - begun)
     if problem.residuals is not None:
         if not any(sample.basis.size for sample in problem.residuals.samples):
             problem = replace(problem, residuals=None)  # bodies alone: they are at rest together
@@ -116,6 +123,41 @@ def _at_ease(problem: Problem, task: dict[str, Any], settings: Settings) -> Boun
     return concluded(task, proof, found, 0.0) if proof.gap <= REGULAR else None
 
 
+def _pulsed(problem: Problem, task: dict[str, Any], settings: Settings, near: float | None) -> Bound:
+    """The bracket of pulses: below that of all commands, above the best command that is found; both proven for this task."""
+    maneuver = problem.maneuver
+    free = replace(problem, maneuver=replace(maneuver, limits=replace(maneuver.limits, pulse_width=None, pulses=None)))
+    first = minimum_time(free, settings, near)
+    sides: list[Side | None] = [None, None]
+    if first.certificate is not None:
+        content, known = json.loads(first.certificate), check(first.certificate).certificate
+        claims = known and (known.claim.lower, known.claim.upper)
+        written = zip(claims or (), (content["lower"], content["upper"]), strict=False)
+        sides = [None if claim is None else Side(fraction(claim), witness) for claim, witness in written]
+    lower, upper = sides
+    proof = Proof(lower if lower and accepted(task, lower=lower) else None)
+    if first.command is not None and admissible(problem, first.command) and upper and accepted(task, upper=upper):
+        return concluded(task, replace(proof, upper=upper, command=first.command, switches=first.switches), first, 0.0)
+    if first.upper is not None:
+        for found in pulsed_commands(problem, first.lower)[:TRIED]:
+            if (proven := _thrust(problem, task, found)) is not None:
+                return concluded(task, replace(proven, lower=proof.lower), first, 0.0)
+    why = "no command with such pulses was found" if first.upper is not None else first.reason
+    return concluded(task, proof, replace(first, upper=None, command=None, switches=None, reason=why), 0.0)
+
+
+def _thrust(problem: Problem, task: dict[str, Any], found: Pulsed) -> Proof | None:
+    """The upper side of a command of pulses."""
+    for witness in _witnesses(problem, found.levels, found.maneuver_time, found.starts, np.zeros(0)):
+        for margin in (1e-14, 1e-13, 1e-12):
+            side = Side(Fraction(found.maneuver_time * (1.0 + margin)), witness)
+            if accepted(task, upper=side):
+                segments = tuple(Segment(float(start), float(level)) for start, level in zip(found.starts, found.levels, strict=True))
+                command = Command(rounded(side.claim, np.inf), segments, Tail(problem.absolute(problem.hold)))
+                return Proof(None, side, command, len(segments) - 1)
+    return None
+
+
 def _rests_on_a_limit(problem: Problem) -> bool:
     """Whether the input at a rest is itself a limit: the criteria of impossibility speak of no other task."""
     maneuver = problem.maneuver
@@ -149,7 +191,7 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
     return proof
 
 
-def _near(problem: Problem, found: Bound, dual: programs.GridSolution | Extremal | Costate) -> float:
+def _near(problem: Problem, found: Bound, dual: Extremal | programs.GridSolution | Costate) -> float:
     """Where to look for the longest time that a dual refutes: of a plant that begins elsewhere than at rest, at its own."""
     return dual.maneuver_time if found.upper is None or problem.begin is not None else found.upper
 
@@ -160,7 +202,7 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
     witness = certificates.costate_witness(problem, polished.costate, polished.multipliers)
     lower: Side | None = Side(Fraction(float(np.nextafter(middle, 0.0))), witness)
     above = Fraction(float(np.nextafter(middle, np.inf)))
-    for upper in _witnesses(problem, extremal, polished.maneuver_time, polished.starts, polished.tail):
+    for upper in _witnesses(problem, _limits(problem, extremal), polished.maneuver_time, polished.starts, polished.tail):
         side = Side(above, upper)
         if accepted(task, lower, side):
             return Proof(lower, side, _bang_bang(problem, extremal, polished, above), len(polished.starts) - 1)
@@ -170,7 +212,7 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
 def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: Bound) -> Side | None:
     """The upper side of an extremal in doubles."""
     starts = np.concatenate([[0.0], extremal.maneuver_time - extremal.switches_to_go[::-1]])  # of the command some may have merged
-    for witness in _witnesses(problem, extremal, extremal.maneuver_time, starts, found.tail):
+    for witness in _witnesses(problem, _limits(problem, extremal), extremal.maneuver_time, starts, found.tail):
         for margin in (1e-14, 1e-13, 1e-12):
             side = Side(Fraction(extremal.maneuver_time * (1.0 + margin)), witness)
             if accepted(task, upper=side):
@@ -178,8 +220,8 @@ def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: 
     return None
 
 
-def _witnesses(problem: Problem, extremal: Extremal, duration: Number, starts: Numbers, tail: Numbers) -> Iterator[dict[str, Any]]:
-    """Witnesses of a bang-bang command, one for each radius: as many unknowns as equations, the best conditioned ones.
+def _witnesses(problem: Problem, levels: Sequence[Fraction], duration: Number, starts: Numbers, tail: Numbers) -> Iterator[dict[str, Any]]:
+    """Witnesses of a command of these absolute levels, one for each radius: as many unknowns as equations, the best conditioned ones.
 
     At an extremal the switches alone are singular, so the duration is one of them, or a tail coefficient where the tail touches a limit.
     """
@@ -187,7 +229,6 @@ def _witnesses(problem: Problem, extremal: Extremal, duration: Number, starts: N
     if count + problem.tail.size < size:
         return  # a degenerate optimum: fewer unknowns than equations
     names: list[list[Any]] = [["time", 0, 0], *(["start", i, 0] for i in range(1, count)), *certificates.tail_unknowns(problem)]
-    levels = _limits(problem, extremal)
     jumps = np.diff([float(level - problem.maneuver.rest) for level in levels], prepend=0.0)
     to_go = np.array([float(duration) - float(start) for start in starts])
     slopes = float(duration) * problem.rows(to_go) * jumps

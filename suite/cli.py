@@ -196,6 +196,7 @@ def check(files: tuple[Path, ...], study: Path | None, as_json: bool) -> None:
 @click.option("--interface", type=click.Choice(["co-simulation", "model-exchange"]), help="Default: co-simulation, if the FMU offers it.")
 @click.option("--timeout", type=POSITIVE, default=60.0, show_default=True, help="Wall-clock time that a run may take [s].")
 @click.option("--convergence", is_flag=True, help="Refine the run four times and show how its output changes.")
+@SANDBOX
 @AS_JSON
 @guarded
 def simulate(
@@ -292,6 +293,7 @@ class _Settling(click.ParamType[float]):
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, a state's start value, or the input at rest.")
 @click.option("--at", type=_Settling(), default=0.0, help="Let it settle for so long, or until it rests; default: where it starts.")
 @click.option("--step", type=click.FloatRange(0.0, min_open=True), help="Communication step [s]; default: the FMU's.")
+@SANDBOX
 @AS_JSON
 @guarded
 def linearize(

@@ -79,7 +79,13 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
     limits, length, robust = study.limits, study.limits.tail_length, study.command.robustness
     maneuver = Maneuver(
         Fraction(study.maneuver.displacement),
-        Limits(Fraction(limits.lower), Fraction(limits.upper), None if limits.fuel is None else Fraction(limits.fuel)),
+        Limits(
+            Fraction(limits.lower),
+            Fraction(limits.upper),
+            None if limits.fuel is None else Fraction(limits.fuel),
+            None if limits.pulse_width is None else Fraction(limits.pulse_width),
+            limits.pulses,
+        ),
         Fraction(study.plant.initial_input),
         0 if robust == "box" else robust,
         study.command.tail,

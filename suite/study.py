@@ -131,7 +131,8 @@ class Maneuver:
 class Limits:
     """`lower ≤ u(t) ≤ upper`, absolute, input units; `∫_0^T |u - u_0| dt ≤ fuel` (input units · s); of a tail also (seconds after
     the move, fraction of the nearer limit's distance), and (shift as a fraction of its magnitude, residual as a fraction of the
-    displacement) for zeros that may be elsewhere, by name. With a `sample_time` [s] the input is constant over each sample."""
+    displacement) for zeros that may be elsewhere, by name. With a `sample_time` [s] the input is constant over each sample.
+    With a `pulse_width` [s], or a largest number of `pulses`, it is that of thrusters: a limit, or the input at rest."""
 
     lower: Decimal
     upper: Decimal
@@ -139,6 +140,8 @@ class Limits:
     zero_sensitivity: Mapping[str, tuple[Decimal, Decimal]] = field(default_factory=dict)
     sample_time: Decimal | None = None
     fuel: Decimal | None = None
+    pulse_width: Decimal | None = None
+    pulses: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
@@ -77,6 +78,8 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
             sensitivity,
             written.limits.sample_time,
             written.limits.fuel,
+            written.limits.pulse_width,
+            written.limits.pulses,
         ),
         command=command,
         simulation=_simulation(written.simulation),
@@ -179,11 +182,27 @@ def _within(command: Command, file: str | None, limits: schema.Limits, plant: Pl
         if off or command.tail.terms or any(segment.slope for segment in command.segments):
             what = f"changes at {off[0]:.10g} s" if off else "is not constant between its instants"
             mistakes.append(Mistake("command.file", file, f"the command {what}, but limits.sample_time is {step:.10g} s"))
+    if plant is not None and (limits.pulse_width is not None or limits.pulses is not None):
+        mistakes.extend(
+            Mistake("command.file", file, complaint) for complaint in _pulse_complaints(command, limits, float(plant.initial_input))
+        )
     slack = ROUNDING * (upper - lower)
     least, most = command.extent()
     for level, limit, beyond in ((least, lower, least < lower - slack), (most, upper, most > upper + slack)):
         if beyond:
             mistakes.append(Mistake("command.file", file, f"the command reaches {level:.10g}, beyond limits.input, {limit:.10g}"))
+
+
+def _pulse_complaints(command: Command, limits: schema.Limits, rest: float) -> Iterator[str]:
+    """What of a command no thrusters with these limits can do."""
+    starts, full = [segment.start for segment in command.segments], (*map(float, limits.input), rest)
+    if command.tail.terms or any(segment.slope or segment.level not in full for segment in command.segments):
+        yield f"the command has other levels than those that thrusters give, {', '.join(f'{level:.10g}' for level in full)}"
+    pulses = [b - a for s, a, b in zip(command.segments, starts, [*starts[1:], command.end], strict=True) if s.level != rest]
+    if limits.pulse_width is not None and min(pulses, default=math.inf) < (width := float(limits.pulse_width)) * (1.0 - ROUNDING):
+        yield f"the command has a pulse of {min(pulses):.10g} s, but limits.pulse_width is {width:.10g} s"
+    if limits.pulses is not None and len(pulses) > limits.pulses:
+        yield f"the command has {len(pulses)} pulses, but limits.pulses is {limits.pulses}"
 
 
 def _interface(plant: Plant | None, asked: str | None, mistakes: list[Mistake]) -> None:

@@ -21,8 +21,6 @@ UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     # Path: for which values it is refused, and what is possible instead. A key leaves this table when this version honours it.
     "limits.rate": (_given, "limits.input alone limits the command; a requirement on peak_rate measures it"),
     "limits.deflection": (_given, "limits.input alone limits the command; a requirement on peak(NAME) measures it"),
-    "limits.pulse_width": (_given, "limits.input alone limits the command"),
-    "limits.pulses": (_given, "limits.input alone limits the command"),
     "command.kind": (_one_of("fuel-efficient", "pole-zero"), '"time-optimal", "shaper" and "file" are supported'),
     "command.type": (_given, "profiles of every type are searched"),
     "command.alpha": (_given, "fuel has no price"),
@@ -84,6 +82,8 @@ def contradictions(study: schema.Written) -> Iterator[Mistake]:
     """Mistakes between keys that need neither the plant nor a file to be seen."""
     if study.maneuver:
         yield from _maneuver(study.maneuver)
+    if study.limits and (study.limits.pulse_width is not None or study.limits.pulses is not None):
+        yield from _thrusters(study.limits, study.command)
     if study.maneuver and study.maneuver.initial_state is not None and study.command:
         yield from _started(study.command)
     if study.limits and study.limits.rate and not study.limits.rate[0] <= 0 <= study.limits.rate[1]:
@@ -119,6 +119,18 @@ def _maneuver(maneuver: schema.Maneuver) -> Iterator[Mistake]:
         yield Mistake("maneuver.scale", ABSENT, "is missing; with displacement = 0 relative quantities are divided by it")
     if maneuver.displacement != 0 and maneuver.scale is not None:
         yield Mistake("maneuver.scale", maneuver.scale, "has a meaning with displacement = 0 only; else |displacement| is the scale")
+
+
+def _thrusters(limits: schema.Limits, command: schema.Command | None) -> Iterator[Mistake]:
+    key = "limits.pulse_width" if limits.pulse_width is not None else "limits.pulses"
+    if limits.sample_time is not None:
+        yield Mistake("limits.sample_time", limits.sample_time, f"contradicts {key}: pulses begin and end at any instant")
+    if limits.rate is not None:
+        yield Mistake("limits.rate", limits.rate, f"contradicts {key}: thrusters are on or off")
+    if command and command.tail:
+        yield Mistake("command.tail", True, f"contradicts {key}: thrusters are on or off, and a tail decays")
+    if command and command.robustness == "box":
+        yield Mistake("command.robustness", "box", f"contradicts {key}: valid are further zeros, 0, 1, 2 …")
 
 
 def _started(command: schema.Command) -> Iterator[Mistake]:

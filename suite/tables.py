@@ -108,6 +108,9 @@ def tabulate(
     """
     if study.command.kind != "time-optimal":
         raise StudyError(str(study.file), [Mistake("command.kind", study.command.kind, "a table is one of time-optimal commands")])
+    if study.limits.pulse_width is not None or study.limits.pulses is not None:
+        why = "commands of a table are scaled between its rows, and thrusters are on or off"
+        raise StudyError(str(study.file), [Mistake("limits.pulse_width", "", why)])
     if study.maneuver.initial_state is not None:
         why = "commands of a table are scaled between its rows, which only moves from rest allow"
         raise StudyError(str(study.file), [Mistake("maneuver.initial_state", "", why)])

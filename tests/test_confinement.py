@@ -214,3 +214,17 @@ def test_a_sandbox_that_is_not_there_is_bad_input(tmp_path: Path, monkeypatch: p
 def test_limits_of_a_study_are_checked(tmp_path: Path, line: str, key: str) -> None:
     with pytest.raises(StudyError, match=rf"simulation\.{key}"):
         load_study(small(tmp_path, line))
+
+
+@pytest.mark.parametrize("command", ["verify", "bound", "simulate", "linearize"])
+def test_every_command_that_runs_fmus_can_be_confined(command: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(confinement, "missing", lambda: "there is no program bwrap")
+    words = {
+        "verify": [str(small(tmp_path)), "--out", str(tmp_path / "out")],
+        "bound": [str(small(tmp_path))],
+        "simulate": ["two_mass", str(tmp_path / "none.json"), "--input", "force", "--output", "position_2"],
+        "linearize": ["two_mass", "--input", "force", "--output", "position_2"],
+    }[command]
+    done = CliRunner().invoke(main, [command, *words, "--sandbox", "bwrap"], catch_exceptions=False)
+    assert done.exit_code == 2
+    assert "the sandbox bwrap cannot be used: there is no program bwrap" in done.output

@@ -45,6 +45,7 @@ FACTS = {
     "two_mass_fuel": "8.1107317945",
     "two_mass_sampled": "6.75",
     "rigid_body_sampled": 2.0,
+    "two_mass_thrusters": "6.6627284203",
     "emergency_stop": "3.1510411012",
     "swinging_load": acos(-1 / 4),
     "stop_and_return": 1 + sqrt(2),

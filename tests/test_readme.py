@@ -181,8 +181,6 @@ def test_what_is_not_there_yet_is_named():
     words = {
         "limits.rate": "rate",
         "limits.deflection": "deflection",
-        "limits.pulse_width": "shortest pulses",
-        "limits.pulses": "pulses",
         "command.kind": "fuel-efficient commands",
         "command.type": "fuel-efficient commands",
         "command.alpha": "fuel-efficient commands",

@@ -27,6 +27,7 @@ MISSED = {
     "robot_arm_shaped": ("SHAPED-001", "residual_vibration"),
     "spacecraft": ("CRAFT-001", "residual_vibration"),
     "stirred_tanks": ("TANKS-001", "maneuver_time"),
+    "thrusters": ("THRUST-003", "maneuver_time"),
     "two_mass": ("SLEW-001", "residual_vibration"),
     "two_mass_fuel": ("FUEL-001", "fuel"),
 }

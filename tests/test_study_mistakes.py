@@ -186,8 +186,6 @@ UNSUPPORTED_VALUES = {
     "limits.rate": "[limits]\nrate = [-1, 1]",
     "limits.deflection": "[limits]\ndeflection = { spring = 1 }",
     "limits.tail_length": "[limits]\ntail_length = { time = 1, within = 0.1 }",
-    "limits.pulse_width": "[limits]\npulse_width = 1",
-    "limits.pulses": "[limits]\npulses = 1",
     "command.kind": '[command]\nkind = "pole-zero"',
     "command.final_tolerance": "[command]\nfinal_tolerance = 0.1\n",
     "command.tail": "[command]\ntail = true",

@@ -122,6 +122,12 @@ def claim(found: Check) -> str:
     if fuel := task["limits"]["fuel"]:
         lines.append(f"  The fuel ∫|u(t) - {task['initial_input']}| dt of the move, from 0 to T, is at most {fuel}.")
     lines += members.promises(task)
+    if (width := task["limits"]["pulse_width"]) is not None or task["limits"]["pulses"] is not None:
+        lines.append(f"  Thrusters: until T, u is {low}, {high} or {task['initial_input']}, in pulses (constant pieces other than that)")
+        few = "" if task["limits"]["pulses"] is None else f", at most {task['limits']['pulses']} of them"
+        lines.append(
+            f"  {'of any width' if width is None else f'of at least {width} s'}{few}. The lower side is that of all inputs in the limits."
+        )
     who = "no measurable command within the limits"
     if step := task["limits"]["sample_time"]:
         lines.append(f"  u is constant on each [k h, (k + 1) h), h = {step} s, and T is a whole number of h.")

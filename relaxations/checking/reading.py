@@ -91,6 +91,8 @@ LENGTH = {"time": real, "within": real}  # seconds after the move, and a fractio
 LIMITS = {
     "input": PAIR,
     "fuel": (None, real),
+    "pulse_width": (None, real),  # [s] of pieces whose level is not the initial input
+    "pulses": (None, natural),  # how many of them there may be
     "sample_time": (None, real),
     "tail_length": (None, LENGTH),
     "zero_sensitivity": sensitivities,
@@ -168,6 +170,9 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     (plant, *_), start = task.plants, task.initial_state
     fine = start is None or (task.rest == "state" and task.box is None and not plant.zeros and len(start) == len(plant.denominator) - 1)
     require(fine, "an initial state has as many numbers as the plant has poles, and belongs to a state rest without further zeros")
+    limits, plain = task.limits, task.rest == "state" and task.box is None and task.limits.sample_time is None
+    fine = (limits.pulse_width is None and limits.pulses is None) or (plain and limits.pulse_width != 0 and limits.pulses != 0)
+    require(fine and (limits.pulse_width or 1) > 0, "pulses have a width or number of more than 0, under state rest without box or samples")
     fine = task.limits.sample_time is None or (task.rest == "state" and task.limits.sample_time > 0)
     require(fine, "a sample time belongs to a state rest, and is more than 0")
     fine = all(task.rest == "output" and shift > 0 <= residual for shift, residual in task.limits.zero_sensitivity.values())

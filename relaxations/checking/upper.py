@@ -178,6 +178,15 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         instants = [*command[1 : n + 1], command[0]]
         burnt = (abs(arb(level)) * arb(b - a) for level, (a, b) in zip(command[n + 1 : 2 * n + 1], pairwise(instants), strict=True))
         at_most(sum(burnt, arb(0)), system.task.limits.fuel, "the move uses no more fuel than there is")
+    limits = system.task.limits
+    pulses = [i for i in range(n) if not arb(command[n + 1 + i]).is_zero()]  # every piece that is not exactly at the initial input
+    if limits.pulse_width or limits.pulses:
+        full = all(command[n + 1 + i] in (system.lower, system.upper) for i in pulses)
+        require(full and all(kind != "level" for kind, _, _ in witness.free), "pulses are exactly at a limit of the input")
+    for i in pulses if limits.pulse_width else ():
+        width = arb([*command[1 : n + 1], command[0]][i + 1]) - arb(command[1 + i])
+        at_most(limits.pulse_width, width, f"pulse {i} is wide enough")
+    at_most(fmpq(len(pulses)), fmpq(limits.pulses or n), "there are no more pulses than allowed")
     tail_limits(system, n, command)
     for places, cap in system.capped:
         at_most(abs(acb(*(arb(command[2 * n + 1 + place]) for place in places))), cap, "the tail is insensitive to a zero's place")
