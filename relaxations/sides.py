@@ -71,8 +71,8 @@ def concluded(task: dict[str, Any], proof: Proof, found: Bound, seconds: float) 
     return replace(
         found,
         status=Status.BRACKETED if missing else Status.PROVED,
-        lower=_rounded(lower.claim, -np.inf) if lower else found.lower,
-        upper=_rounded(upper.claim, np.inf) if upper else found.upper,
+        lower=rounded(lower.claim, -np.inf) if lower else found.lower,
+        upper=rounded(upper.claim, np.inf) if upper else found.upper,
         command=proof.command if upper else found.command,
         switches=proof.switches if upper else found.switches,
         reason=reason,
@@ -81,7 +81,7 @@ def concluded(task: dict[str, Any], proof: Proof, found: Bound, seconds: float) 
     )
 
 
-def _rounded(exact: Fraction, towards: float) -> float:
+def rounded(exact: Fraction, towards: float) -> float:
     """The nearest double that is not on the unsafe side of an exact bound."""
     nearest = float(exact)
     unsafe = Fraction(nearest) > exact if towards < 0 else Fraction(nearest) < exact
@@ -142,5 +142,5 @@ def instant_proof(problem: Problem, task: dict[str, Any], found: Bound) -> Proof
 def staircase_of(problem: Problem, fixed: Repaired) -> Command:
     """The command of a repaired solution, in doubles."""
     segments = tuple(Segment(float(s), float(v)) for s, v in zip(fixed.starts, fixed.levels, strict=True))
-    duration = _rounded(problem.on_grid(fixed.maneuver_time), np.inf)
+    duration = rounded(problem.on_grid(fixed.maneuver_time), np.inf)
     return Command(duration, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(fixed.tail)))
