@@ -127,7 +127,8 @@ class Child:
             else:
                 code = signal_of(self._ended(), self.confinement)
                 self._group.kill()
-                self._take(answer, 0.0)
+                with suppress(Broken):
+                    self._take(answer, 0.0)  # messages that came before the end
                 answer.status, answer.detail = self._judge(code)
             answer.printed = self._pipes.printed()
         return answer

@@ -69,9 +69,12 @@ class Pipes:
             body = bytes(self._received[8 : 8 + text])
             del self._received[: 8 + text + raw]
             try:
-                yield json.loads(body)
+                message = json.loads(body)
             except ValueError:
                 raise Broken from None
+            if not isinstance(message, dict):
+                raise Broken
+            yield message
 
     def printed(self) -> str:
         """What the child has printed since the request, the beginning of it if it was much."""

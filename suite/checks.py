@@ -14,6 +14,8 @@ from relaxations import checking
 from relaxations.checking.claims import Check, Outcome, check, claim
 
 CERTIFICATE = "certificate.json"
+ON_GRID = "certificate.grid.json"
+"""Of the commands that an FMU with one step size can follow, where the study speaks of all commands."""
 EXIT = {Outcome.PROVED: 0, Outcome.REFUTED: 1, Outcome.MALFORMED: 2, Outcome.INCONCLUSIVE: 3}
 CODE = {tokenize.NAME, tokenize.NUMBER, tokenize.STRING, tokenize.OP}
 EVERY_TASK = {"balls", "claims", "lower", "reading", "upper"}

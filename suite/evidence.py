@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from fmus.confinement import in_force
+from relaxations.bounds import Bound
 from relaxations.response import jumps
 from relaxations.sensitivity import residual
 from reports import charts, files, junit, layouts, logs, manifest, pages
 from suite.campaign import RunResult
-from suite.checks import CERTIFICATE, trusted
+from suite.checks import CERTIFICATE, ON_GRID, trusted
 from suite.design import Design, bound_record
 from suite.observations import INPUT, observe
 from suite.quantities import Observation
@@ -90,7 +91,7 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         "command": None if design.command is None else design.command.to_dict(),
         "shaper": None if design.shaped is None else _shaper(design.shaped),
         "simulation": None if not runs else runs[0].simulation,
-        "grid": None if design.sampled is None else {"step": design.step, "samples": design.samples},
+        "grid": None if design.sampled is None else _grid(design, design.sampled),
         "confinement": _confinement(study),
         "requirements": [_requirement(judgement, _si_scale(study, judgement.requirement)) for judgement in judgements],
         "runs": tally(runs),
@@ -115,6 +116,13 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
 def _shaper(made: Shaped) -> dict[str, Any]:
     """The shaper of the command with what is proven of it, and what it shapes."""
     return {**made.shaping.to_dict(), "reference": {"kind": made.reference, "maneuver_time": made.reference_time}, "follows": made.follows}
+
+
+def _grid(design: Design, sampled: Bound) -> dict[str, Any]:
+    """What commands on the FMU's own grid can do."""
+    times = {"lower": sampled.lower, "upper": sampled.upper}
+    certificate = None if sampled.certificate is None else ON_GRID
+    return {"step": design.step, "samples": design.samples, "maneuver_time": times, "certificate": certificate}
 
 
 def _initial_state(study: Study) -> dict[str, float] | list[float] | None:
@@ -220,6 +228,8 @@ def write(folder: Path, results: Mapping[str, Any], study: Study, design: Design
     files.write_atomically(folder / "plant" / "hashes.json", files.json_bytes(hashes))
     if design.bound.certificate is not None:
         files.write_atomically(folder / CERTIFICATE, design.bound.certificate)
+    if design.sampled is not None and design.sampled.certificate is not None:
+        files.write_atomically(folder / ON_GRID, design.sampled.certificate)
     files.write_atomically(folder / RESULTS, files.json_bytes(results))
     files.write_atomically(folder / JUNIT, junit.junit_bytes(results))
     kept = {result.name: folder / result.log for result in runs if result.log is not None}

@@ -21,7 +21,7 @@ from suite.study import Study
 LEDGER = "ledger.sqlite"
 TO_RESUME = ("study.toml", f"{LEDGER}*", f"{RUNS}/*.mcap")
 WRITTEN = (
-    *(*TO_RESUME, manifest.NAME, RESULTS, REPORT, JUNIT, "certificate.json", "attestation.json"),
+    *(*TO_RESUME, manifest.NAME, RESULTS, REPORT, JUNIT, "certificate.json", "certificate.grid.json", "attestation.json"),
     *(f"{RUNS}/{LAYOUT}", "plant/modelDescription.xml", "plant/twin.toml", "plant/hashes.json"),
     *(".*.tmp", f"{RUNS}/.*.tmp", "plant/.*.tmp"),  # left by a process that was killed while it wrote
 )

@@ -46,7 +46,10 @@ def on_a_grid(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_design_is_on_the_grid_before_anything_runs_and_says_what_that_costs(on_a_grid: Path) -> None:
     found = results(on_a_grid / "out")
-    assert found["grid"] == {"step": STEP, "samples": 134}
+    assert found["grid"]["step"] == STEP
+    assert found["grid"]["samples"] == 134
+    assert found["grid"]["maneuver_time"] == {"lower": pytest.approx(6.7, rel=1e-15), "upper": pytest.approx(6.7, rel=1e-15)}
+    assert run("check", on_a_grid / "out" / found["grid"]["certificate"]).exit_code == 0
     assert found["bound"]["status"] == "proved", "the bracket is that of commands that switch at any instant"
     assert found["bound"]["maneuver_time"]["upper"] == pytest.approx(6.66272842)
     command = Command.from_dict(found["command"])
