@@ -110,11 +110,11 @@ class Reach:
             n, m = len(self.whole) - 1, len(self.motions) - 1
             generator = companion(self.whole)
             driven = arb_mat([*([*row, arb(int(i == n - 1))] for i, row in enumerate(generator.tolist())), [arb(0)] * (n + 1)])
-            step = (driven * (arb(time) / cells)).exp().tolist()
+            step = (driven * (arb(time) / cells)).exp().mid().tolist()
             transition = arb_mat([row[:n] for row in step[:n]])
             columns = [arb_mat([row[n:] for row in step[:n]])]
             for _ in range(cells - 1):
-                columns.append(transition * columns[-1])
+                columns.append((transition * columns[-1]).mid())  # else balls grow with every step
             rows = arb_mat([[columns[cells - 1 - k][i, 0] for k in range(cells)] for i in range(n)])
             target = [[-self.place] if i == 0 else [arb(0)] for i in range(n)]
             inputs = np.zeros((0, m))
