@@ -106,8 +106,8 @@ class Child:
         """Send a request and wait for its reply, at most `timeout` seconds."""
         if not timeout > 0.0:
             raise FmuError(f"the wall-clock limit must be positive, is {timeout!r} s")
-        place = self.folder / request["sha256"][:32]
-        request["library"], request["resources"] = str(place / request["library"]), str(place / "resources")
+        place = os.path.join(self.folder, request["sha256"][:32])
+        request["library"], request["resources"] = os.path.join(place, request["library"]), os.path.join(place, "resources")
         deadline = time.monotonic() + timeout
         answer = Answer(RunStatus.FAILED, "")
         with self._asked:

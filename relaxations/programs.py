@@ -275,7 +275,9 @@ def solve(program: GridProgram) -> GridSolution:
     # Levels are measured in half the actuator's range, the target in its own length, a tail coefficient in what fills that range: every
     # number is then of order one.
     half = (program.upper - program.lower) / 2
-    length = float(np.linalg.norm(program.target) or np.abs(program.above).max()) / np.sqrt(cells)
+    length = float(np.linalg.norm(program.target) or np.abs(program.above).max(initial=0.0)) / np.sqrt(cells)
+    if length == 0.0:
+        raise SolverError(f"in T = {program.maneuver_time!r} s the plant does so much more than the target that this rounds to nothing")
     values = {"rows": program.rows, "target": program.target / length, "lower": program.lower / half, "upper": program.upper / half}
     unit = np.ones(0)
     if coefficients:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 
+import numpy as np
+
 from relaxations.bounded_shapers import bounded
 from relaxations.bounds import Status
 from relaxations.deflection import deflection_limited
@@ -22,6 +24,7 @@ from relaxations.sampled_shapers import sampled
 from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper, as_pulses, convolve
 
+CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 TOLERANCE, BAND = 0.05, (0.8, 1.2)  # unless a request says otherwise
 
 
@@ -108,14 +111,19 @@ def make(name: str, request: Request) -> Made:
     if wrong:
         raise ShaperError("; ".join(wrong))
     made = kind.make(request, number)
-    return made if request.pulse is None or not made.shaper.times else _drawn_out(made, request.pulse)
+    return made if request.pulse is None or not made.shaper.times else _drawn_out(made, request.pulse, request.modes)
 
 
-def _drawn_out(made: Made, width: float) -> Made:
-    """Pulses in place of the impulses. What impulses cannot do to the zeros of their sum, pulses of one width cannot either: their own
-    factor `(e^{κωw} - 1)/(κωw)` has none but at whole periods of an undamped mode."""
+def _drawn_out(made: Made, width: float, modes: Sequence[Mode]) -> Made:
+    """Pulses in place of the impulses.
+
+    What impulses leave of a mode is multiplied by `(e^{κωw} - 1)/(κωw)`. Where that is not 0, pulses of one width need the impulses' least
+    duration and their width; near 0 (a width of whole periods of a mode without damping) nothing is claimed.
+    """
+    turns = [mode.frequency * mode.direction * width for mode in modes]
+    factor = min(abs(np.expm1(turn) / turn) for turn in turns)
     least = None
-    if made.least and made.least.pulses:
+    if made.least and made.least.pulses and factor > CLEAR:
         least = Least(math.nextafter(made.least.duration + width, 0.0), f"{made.least.among}, as pulses of one width")
     return Made(as_pulses(made.shaper, width), least)
 

@@ -18,6 +18,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from reports.errors import RecordError
@@ -256,6 +257,7 @@ def sweeps(name: str, curves: Mapping[str, tuple[ArrayLike, ArrayLike]], *, para
             x, y = _arrays(values=values, results=results)
             axes.plot(x, np.maximum(y, 1e-12), marker="os^D"[number % 4], markersize=4.0, label=label, **_look(number))
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))  # powers would be mathematics, which is off
         axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")
         axes.set_xlabel(parameter_label)
         axes.set_ylabel(quantity_label)
@@ -280,6 +282,7 @@ def costs(name: str, sizes: ArrayLike, curves: Mapping[str, ArrayLike], *, size_
             axes.plot(x, y, color=(_LINE, _SECOND, _INK)[number % 3], marker="os^"[number % 3], markersize=4.0, label=label)
         axes.set_xscale("log")
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))  # powers would be mathematics, which is off
         axes.set_xticks(x, [f"{size:g}" for size in x])
         axes.set_xticks([], minor=True)
         axes.set_xlabel(size_label)

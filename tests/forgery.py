@@ -107,7 +107,7 @@ def written(value: Fraction) -> str:
 def task(numerator: list[str], denominator: list[str], displacement: str = "1", **others: Any) -> dict[str, Any]:
     """A task as a certificate writes it; state rest and |u| ≤ 1 unless said otherwise."""
     limits = {"input": list(others.pop("limits", ("-1", "1")))}
-    limits |= {name: others.pop(name, None) for name in ("fuel", "sample_time")}
+    limits |= {name: others.pop(name, None) for name in ("fuel", "pulse_width", "pulses", "sample_time")}
     limits |= {"tail_length": others.pop("tail_length", None), "zero_sensitivity": others.pop("zero_sensitivity", {})}
     plant = {"numerator": numerator, "denominator": denominator, "zeros": others.pop("zeros", {})}
     return {

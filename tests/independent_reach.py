@@ -21,7 +21,7 @@ from relaxations.plants import LinearPlant
 
 BITS = 1024
 INSTANTS = 200
-"""At so many the tail is held within the limits, densely at first: leaving some out can only help to reach more."""
+"""At so many the tail is held within the limits, densely at first: what is left out can only help to reach more."""
 
 
 @contextmanager
@@ -93,42 +93,33 @@ class Reach:
             self.motions, self.slowest = monic(zeros), max((float(zero.real.mid()) for zero in zeros), default=-1.0)
         self.limits = tuple(map(float, limits))
 
-    def tail_table(self) -> tuple[arb_mat, arb_mat]:
-        """States w, w', … at the beginning of each motion of the tail (columns), and the inputs at all instants (a row each)."""
+    def tail_table(self, count: int) -> tuple[arb_mat, arb_mat]:
+        """States w, w', … at the beginning of each motion of the tail (columns), and the inputs at `count` instants (a row each)."""
         m, n = len(self.motions) - 1, len(self.whole) - 1
-        generator = companion(self.motions)
-        instants = [40.0 / -self.slowest * (i / (INSTANTS - 1)) ** 3 for i in range(INSTANTS)]
-
-        def derivatives(of: arb_mat) -> list[list[arb]]:
-            """w^(0…n) of all motions at one instant, from the rows w^(0…m-1)."""
-            found = [[of[i, j] for j in range(m)] for i in range(m)]
-            while len(found) <= n:
-                found.append([-sum((self.motions[k] * found[len(found) - m + k][j] for k in range(m)), arb(0)) for j in range(m)])
-            return found
-
-        begin = derivatives(arb_mat(m, m, 1))
-        inputs = []
-        for instant in instants:
-            at = derivatives((generator * arb(instant)).exp())
-            inputs.append([sum((self.whole[k] * at[k][j] for k in range(n + 1)), arb(0)) for j in range(m)])
+        begin = [[arb(int(i == j)) for j in range(m)] for i in range(m)]
+        while len(begin) <= n:
+            begin.append([-sum((self.motions[k] * begin[len(begin) - m + k][j] for k in range(m)), arb(0)) for j in range(m)])
+        first = arb_mat([[sum((self.whole[k] * begin[k][j] for k in range(n + 1)), arb(0)) for j in range(m)]])
+        generator, last = companion(self.motions), 40.0 / -self.slowest
+        inputs = [(first * (generator * arb(last * (i / (count - 1)) ** 3)).exp()).tolist()[0] for i in range(count)]
         return arb_mat(begin[:n]), arb_mat(inputs)
 
-    def __call__(self, time: float, cells: int) -> float:
-        """α at `time` [s]."""
+    def __call__(self, time: float, cells: int, instants: int = INSTANTS) -> float:
+        """α at `time` [s]; the tail is held within the limits at so many instants."""
         with many_bits():
             n, m = len(self.whole) - 1, len(self.motions) - 1
             generator = companion(self.whole)
             driven = arb_mat([*([*row, arb(int(i == n - 1))] for i, row in enumerate(generator.tolist())), [arb(0)] * (n + 1)])
-            step = (driven * (arb(time) / cells)).exp().tolist()
+            step = (driven * (arb(time) / cells)).exp().mid().tolist()
             transition = arb_mat([row[:n] for row in step[:n]])
             columns = [arb_mat([row[n:] for row in step[:n]])]
             for _ in range(cells - 1):
-                columns.append(transition * columns[-1])
+                columns.append((transition * columns[-1]).mid())  # else balls grow with every step
             rows = arb_mat([[columns[cells - 1 - k][i, 0] for k in range(cells)] for i in range(n)])
             target = [[-self.place] if i == 0 else [arb(0)] for i in range(n)]
             inputs = np.zeros((0, m))
             if m:
-                begins, table = self.tail_table()
+                begins, table = self.tail_table(instants)
                 # New coordinates of the tail: its inputs become orthonormal columns.
                 turning = cholesky(table.transpose() * table)
                 inputs, moved = doubles(turning.solve(table.transpose())).T, turning.solve(begins.transpose()).transpose()

@@ -139,3 +139,9 @@ def test_data_that_do_not_fit() -> None:
         run_chart(displacement=0.0)
     with pytest.raises(RecordError, match="3 values but 1 verdicts"):
         sweep_chart(verdicts=["pass"])
+
+
+def test_powers_of_ten_are_numbers() -> None:
+    svg = costs("cost", [2, 20], {"one": [0.001, 10.0]}, size_label="poles")
+    assert "mathdefault" not in svg
+    assert ">0.01<" in svg

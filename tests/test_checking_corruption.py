@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import independent
+import numpy as np
 import pytest
 from forgery import certificate, forged, number, opened, proven, proven_tail, task, written
 from independent_limits import Limited
@@ -282,10 +283,29 @@ def judged_otherwise(data: dict[str, Any]) -> bool:
     return fine and (claim["upper"] is None or reach(float(number(claim["upper"])) * 1.001) > 0.999)
 
 
+def one_sided(data: dict[str, Any]) -> bool:
+    """Whether inputs on one side of the initial rest alone cannot do it: at a real pole a the weight e^{as} has one sign, and what is asked
+    for has the other, or is nothing. (A grid cannot see it: what has decayed for long is at rest to every digit.)"""
+    of, (plant,) = data["task"], data["task"]["plants"]
+    low, high = (number(limit) - number(of["initial_input"]) for limit in of["limits"]["input"])
+    if low * high != 0:
+        return False
+    numerator, denominator = ([float(number(c)) for c in plant[name]] for name in ("numerator", "denominator"))
+    integrators = next(k for k, c in enumerate(reversed(denominator)) if c)
+    final = float(number(of["displacement"])) * denominator[-1 - integrators] / numerator[-1]
+    slowest = max((zero.real for zero in np.roots(numerator) if zero.real < 0 and of["rest"] == "output"), default=-np.inf)
+    for pole in {0.0} if integrators else {root.real for root in np.roots(denominator) if abs(root.imag) < 1e-12 * abs(root)}:
+        asked = (final if integrators == 1 else 0.0) if integrators else final / -pole
+        if pole > slowest and asked * float(low + high) <= 0.0:
+            return True
+    fading = [root.real for root in np.roots(denominator) if root and abs(root.imag) < 1e-12 * abs(root)] if integrators else []
+    return any(pole > slowest for pole in fading)
+
+
 def is_true(data: dict[str, Any]) -> bool:
     """Whether a claim is: every side within the bracket of its task."""
     lower, upper = (data["claim"][side] for side in ("lower", "upper"))
-    if lower == "0" and upper is None:
+    if (lower == "0" and upper is None) or (data["claim"]["impossible"] and one_sided(data)):
         return True
     try:
         below, above = truth(json.dumps(data["task"], sort_keys=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 from fractions import Fraction
 from typing import Any
 
@@ -261,3 +262,67 @@ def test_a_plant_error_is_no_way_out() -> None:
         forgery.transfer([1, 0], [1, 1, 1])().rest_input(Fraction(1))
     assert outcome(certificate(task(["1", "0"], ["1", "1", "1"]), lower="1", witnesses=(ONE, None))) is Outcome.MALFORMED
     assert forged(opened(proven("rigid_body"))) == proven("rigid_body")
+
+
+@pytest.mark.parametrize("name", ["pitch", "complex_zeros", "short_tail"])
+def test_every_contact_of_a_tail_counts(name: str) -> None:
+    """In halves it is the same; one that weighs nothing changes nothing; one that pulls both ways costs, wherever it stands in the list."""
+    content = changed(proven_tail(name), lambda data: data["claim"].update(upper=None))
+    (contact,) = opened(content)["lower"]["tail"]
+
+    def with_contacts(*contacts: dict[str, str]) -> Outcome:
+        return outcome(changed(content, lambda data: data["lower"].update(tail=list(contacts))))
+
+    half = {"time": contact["time"], **{side: written(forgery.number(contact[side]) / 2) for side in ("upper", "lower")}}
+    nothing = {"time": "1/2", "upper": "0", "lower": "0"}
+    both = {"time": "1/2", "upper": "100", "lower": "100"}
+    assert with_contacts(half, half) is with_contacts(contact, nothing) is with_contacts(nothing, contact) is Outcome.PROVED
+    assert with_contacts(contact, both) is with_contacts(both, contact) is Outcome.REFUTED
+
+
+@pytest.mark.parametrize("name", ["insensitive_real", "insensitive_pair", "insensitive_double"])
+def test_what_is_left_of_a_limited_tails_equality_is_priced(name: str) -> None:
+    """In floating point, with contacts of its own: the price is that of the contacts and `cap |λᵀ column + Σ (μ⁺ - μ⁻) shape|`."""
+    contacts = [{"time": "1/4", "upper": "3", "lower": "1/2"}, {"time": "2", "upper": "0", "lower": "1/3"}]
+    posed = read(changed(proven_tail(name), lambda data: data["lower"].update(tail=contacts)))
+    with _bits(128):
+        system = balls.system(posed.task)
+        numbers, price = lower.costate(system, posed.lower)
+        left = [float(x.mid()) for x in (system.columns.transpose() * numbers).entries()]
+        above, below = system.room(fmpq(0))
+        expected, at = 0.0, 0
+        for zero, cap in zip(system.zeros, system.caps, strict=True):
+            value = complex(float(zero.value.real.mid()), float(zero.value.imag.mid()))
+            for power in range(zero.multiplicity):
+                pull = sum(
+                    net * tau**power * cmath.exp(value * tau) for tau, net in ((0.25, 2.5), (2.0, -1 / 3))
+                )  # power 0 or 1: no factorial
+                excess = complex(left[at] + pull.real, (left[at + 1] - pull.imag) if zero.flexible else 0.0)
+                at += 1 + zero.flexible
+                if cap is not None and power == zero.multiplicity - 1:
+                    expected += float(cap.mid()) * abs(excess)
+                else:
+                    assert abs(excess) < 1e-12
+        expected += 3 * float_of(above) + (0.5 + 1 / 3) * float_of(below)
+        assert float(price.mid()) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_tail_is_no_part_of_a_rest_of_the_state() -> None:
+    for side in ("lower", "upper"):
+        one = changed(proven_tail("pitch"), lambda data, side=side: data["claim"].update({side: None}))
+        assert outcome(one) is Outcome.PROVED
+        assert outcome(changed(one, lambda data: data["task"].update(rest="state"))) is Outcome.MALFORMED
+
+
+@pytest.mark.parametrize(
+    ("limits", "displacement"), [(("1/2", "1"), "0.7"), (("-1", "-1/2"), "-0.7"), (("-1", "1/2"), "0.7"), (("-1/2", "1"), "-0.7")]
+)
+def test_limits_that_exclude_the_input_at_a_rest(limits: tuple[str, str], displacement: str) -> None:
+    """The initial one, 0, and the final one of 1/(s + 1)."""
+    of = task(["1"], ["1", "1"], displacement, limits=limits)
+    assert "exclude the input" in check(certificate(of, lower="1/10", witnesses=(costate((("-1", "0"), [("1", "0")])), None))).reason
+
+
+def test_samples_without_a_box() -> None:
+    sampled = {**costate((("0", "0"), [("1", "0")])), "samples": [{"place": ["1"], "residual": []}]}
+    assert outcome(certificate(INTEGRATOR, lower="1/2", witnesses=(sampled, None))) is Outcome.MALFORMED

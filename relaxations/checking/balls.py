@@ -89,9 +89,17 @@ def placed(roots: Sequence[Root], chains: Sequence[Any]) -> tuple[list[fmpq], li
     return numbers, found
 
 
+def long(polynomial: fmpq_poly) -> bool:
+    """Whether exact arithmetic with a polynomial costs too much."""
+    return polynomial.numer().height_bits() * len(polynomial) > LARGEST_POLYNOMIAL
+
+
 def isolated(polynomial: fmpq_poly) -> tuple[Root, ...]:
     """All distinct roots with Im ≥ 0, to as many bits as the precision, and their exact multiplicities (square-free factorisation)."""
+    if long(polynomial):
+        raise Undecided("a polynomial's numbers are too long")
     whole = polynomial.numer()
+    spend(8 * len(whole) ** 2)
     rigid = next(k for k, c in enumerate(whole.coeffs()) if c != 0)
     found = [Root(acb(0), rigid)] if rigid else []
     for factor, multiplicity in whole.right_shift(rigid).factor_squarefree()[1]:
@@ -220,8 +228,7 @@ def system(task: Any) -> System:
     """The task's equations; raises `Malformed` if it is no task: no rest within the limits, or hidden modes under output rest."""
     (plant,), output = task.plants, task.rest == "output"
     numerator, denominator = (fmpq_poly(list(written[::-1])) for written in (plant.numerator, plant.denominator))
-    longest = max(numerator.numer().height_bits(), denominator.numer().height_bits()) * denominator.degree()
-    require(longest <= LARGEST_POLYNOMIAL, "the plant's numbers are too long")
+    require(not (long(numerator) or long(denominator)), "the plant's numbers are too long")
     require(not output or numerator.gcd(denominator).degree() == 0, "under output rest numerator and denominator have no common factor")
     roots, zeros = further(isolated(denominator), plant.zeros), stable(numerator) if output else ()
     if task.box is not None:  # only at the origin do all plants come to rest

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Any
 
 import flint
@@ -129,6 +129,10 @@ def tracked(task: Any, cell: Numbers, centre: Sequence[fmpq]) -> tuple[list[acb]
             if ball is None or (root.flexible and not ball.imag > 0):
                 return None
             found.append(ball)
+    if not all(ball.overlaps(root.value) for ball, root in zip(found, roots, strict=True)) or any(
+        one.overlaps(other) for one, other in combinations(found, 2)
+    ):
+        return None  # a ball that holds another pole than its own would leave its own out
     return [root.value for root in roots], found, [root.flexible for root in roots]
 
 

@@ -19,6 +19,7 @@ from relaxations.checking.reading import Malformed, Refuted, Undecided, read
 REST = {
     "state": "the state (of a controllable realisation) stays at rest from T on (state rest)",
     "output": "the output stays at its target from T on, and the input tends to its final rest value (output rest)",
+    "box": "what is asked of every plant from T on is said below (robust rest)",
 }
 BITS = (128, 256, 512, 1024)
 WORK, WORK_PER_BYTE, MOST_WORK = 3e6, 500, 5e7  # what a check may cost: some seconds as a rule, half a minute at most
@@ -108,7 +109,7 @@ def claim(found: Check) -> str:
         if plant["zeros"]:
             lines.append("  further zeros of the command: " + ", ".join(f"{count} at {name}" for name, count in plant["zeros"].items()))
     lines += members.plants(task)
-    rest, (low, high), tail = REST[task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
+    rest, (low, high), tail = REST["box" if task["box"] else task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
     start, begins = task["initial_state"], f"Task: from rest at input {task['initial_input']}"
     if start is not None:
         lines.append(

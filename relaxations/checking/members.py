@@ -12,11 +12,13 @@ from relaxations.checking.balls import spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
 Numbers = Sequence[arb | fmpq]
+LONGEST_POWER = 20_000  # bits of a power of an exact parameter
 
 
 def member(box: Any, place: Numbers, which: str, derivative: int | None = None) -> list[Any]:
     """The coefficients, lowest power of s first, of numerator or denominator at a place in the box, or their derivative by a parameter."""
     if box.plants:
+        spend(len(box.plants) / 2)
         found = next((getattr(plant, which) for plant in box.plants if list(plant.place) == list(place)), ())
         require(bool(found), "a place at which no plant of the box is listed")
         return [fmpq(0) if derivative is not None else c for c in reversed(found)]
@@ -30,9 +32,11 @@ def valued(terms: Any, place: Numbers, derivative: int | None = None) -> arb | f
         factor: arb | fmpq = coefficient
         for i, (value, power) in enumerate(zip(place, powers, strict=True)):
             if i == derivative:
-                factor, power = factor * power, power - 1
-            for _ in range(power):
-                factor = factor * value
+                factor, power = factor * power, max(power - 1, 0)
+            if isinstance(value, fmpq) and value.height_bits() * power > LONGEST_POWER:
+                raise Undecided("powers of a parameter are too long")
+            factor = factor * value**power if power else factor
+        spend(1 + len(powers) + (factor.height_bits() / 50 if isinstance(factor, fmpq) else 0))
         total = total + factor
     return total
 
@@ -41,7 +45,7 @@ def plants(task: dict[str, Any]) -> list[str]:
     """In words, from the numbers as they are written: which plants the claim is about."""
     if not (box := task["box"]):
         return []
-    ranges = ", ".join(f"{p['name']} in [{p['low']}, {p['high']}] (nominal {p['nominal']})" for p in box["parameters"])
+    ranges = ", ".join(f"{p['name']!r} in [{p['low']}, {p['high']}] (nominal {p['nominal']})" for p in box["parameters"])
     if box["plants"]:
         heading = f"  and these {len(box['plants'])} plants of {ranges}; nothing is said of any other plant of these ranges:"
         return [
@@ -116,8 +120,11 @@ class Shift:
     def room(self, place: Numbers, derivative: int | None = None) -> tuple[Any, Any]:
         """Both sides' left-hand side at a place, times d_0 squared's sign; or their derivative by a parameter."""
         spend(20)
-        a, d = (member(self.task.box, place, which, derivative)[at] for which, at in (("numerator", 0), ("denominator", rigid(self.task))))
-        (a0, d0), share = self.nominal, self.task.box.final_tolerance
+        numerator, denominator = (member(self.task.box, place, which, derivative) for which in ("numerator", "denominator"))
+        at, (a0, d0), share = rigid(self.task), self.nominal, self.task.box.final_tolerance
+        a, d = numerator[0], denominator[at]
+        if derivative is None and not (d * d0 > 0 and not any(denominator[:at])):
+            raise Undecided("a plant of the box has another lowest power than the nominal one, or another sign of it")
         wide, off = (abs(a0) if d0 > 0 else -abs(a0)) * share * d, (a * d0 - a0 * d) * (1 if a0 * d0 > 0 else -1)
         return wide - off, wide + off
 
