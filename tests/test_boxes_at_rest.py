@@ -99,7 +99,7 @@ def test_plants_of_a_list_are_no_box():
 
 
 def independent(plants: list[LinearPlant], displacement: float, tolerance: float, near: float) -> float:
-    """The least time by HiGHS in state space: a staircase of 100 levels, residuals at 24 instants of each plant, by bisection."""
+    """The least time by HiGHS in state space: a staircase of 100 levels, residuals at 72 instants of each plant, by bisection."""
     spaces = [StateSpace.of(plant) for plant in plants]
     rests = [space.rest(displacement) for space in spaces[:1]]
     hold = rests[0][1]
@@ -114,9 +114,9 @@ def independent(plants: list[LinearPlant], displacement: float, tolerance: float
             table = np.array(columns[::-1]).T
             rest = np.linalg.solve(space.A, -space.B) * hold
             slow = min(np.abs(np.linalg.eigvals(space.A)))
-            look, *_ = space.step(2 * np.pi / slow / 24)
+            look, *_ = space.step(2 * np.pi / slow / 72)
             row = space.C
-            for _ in range(25):
+            for _ in range(73):
                 rows += [row @ table, -row @ table]
                 limits += [tolerance * displacement + row @ rest, tolerance * displacement - row @ rest]
                 row = row @ look

@@ -48,6 +48,7 @@ def test_without_noise_the_modes_are_exact(count: int):
     assert found.rest == pytest.approx(0.3, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_those_of_many_repetitions():
     """Of 30 noisy records two thirds of the errors lie within one standard error: between 11 and 28 of them (4 sigma)."""
     chance, t = np.random.default_rng(11), np.linspace(0.0, 8.0, 300)
