@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from forgery import certificate, command, task
+from forgery import certificate, costate, command, task
 
 from relaxations.checking.claims import Check, Outcome, check, claim
 
@@ -39,7 +39,7 @@ def lower_witness(places: list[str]) -> tuple[dict[str, Any], None]:
     """A witness of the lower side that looks at plants at these places."""
     contact = {"time": "1", "upper": "1", "lower": "0"}
     samples = [{"place": [place], "residual": [contact]} for place in places]
-    return {"costate": [[]], "tail": [], "samples": samples, "fuel": "0"}, None
+    return {**costate(), "samples": samples}, None
 
 
 def found(of: dict[str, Any], upper: str, witnesses: tuple[Any, Any]) -> Check:

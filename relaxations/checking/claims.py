@@ -125,7 +125,7 @@ def claim(found: Check) -> str:
         lines.append(f"  The fuel ∫|u(t) - {task['initial_input']}| dt of the move, from 0 to T, is at most {fuel}.")
     for name, limit in task["limits"]["deflection"].items():
         above = ", ".join(task["plants"][0]["outputs"][name])
-        lines.append(f"  The output {name}, numerator [{above}], never leaves its first rest value by more than {limit}.")
+        lines.append(f"  The output {name!r}, numerator [{above}], never leaves its first rest value by more than {limit}.")
     if rate := task["limits"]["rate"]:
         lines.append(f"  u is continuous from its first rest to its last, and its slope stays in [{rate[0]}, {rate[1]}].")
     lines += members.promises(task)
