@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from forgery import certificate, costate, command, task
+from forgery import certificate, command, costate, task
 
 from relaxations.checking.claims import Check, Outcome, check, claim
 
