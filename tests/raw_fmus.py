@@ -9,10 +9,35 @@ from pathlib import Path
 from typing import Any, Literal
 
 from fmpy import extract, read_model_description
-from fmpy.fmi2 import FMU2Model, FMU2Slave
+from fmpy.fmi2 import (
+    FMU2Model,
+    FMU2Slave,
+    calloc,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+    free,
+    printLogMessage,
+)
 from fmpy.fmi3 import FMU3Model, FMU3Slave
+from fmpy.logging import addLoggerProxy
 
 Interface = Literal["CoSimulation", "ModelExchange"]
+
+
+PRINTS = fmi2CallbackLoggerTYPE(printLogMessage)
+MEMORY = fmi2CallbackAllocateMemoryTYPE(calloc), fmi2CallbackFreeMemoryTYPE(free)
+
+
+def callbacks() -> fmi2CallbackFunctions:
+    """Callbacks of FMI 2.0 that print messages. FMPy's proxy calls the last logger that it was given, which `simulate_fmu` lets go after a
+    run: it is given one that lives as long as the process.
+    """
+    found = fmi2CallbackFunctions()
+    found.logger, (found.allocateMemory, found.freeMemory) = PRINTS, MEMORY
+    addLoggerProxy(ctypes.byref(found))
+    return found
 
 
 class RawFmu:
@@ -32,14 +57,17 @@ class RawFmu:
             modelIdentifier=self.description.coSimulation.modelIdentifier,
             instanceName="instance",
         )
-        self.fmu.instantiate(**({"eventModeUsed": True, "earlyReturnAllowed": True} if event_mode else {}))
+        self._instantiate(self.fmu, **({"eventModeUsed": True, "earlyReturnAllowed": True} if event_mode else {}))
 
     def another(self) -> RawFmu:
         """A further instance of the library that is loaded already; the first one's user frees it."""
         twin = copy.copy(self)
         twin.fmu = copy.copy(self.fmu)
-        twin.fmu.instantiate()
+        self._instantiate(twin.fmu)
         return twin
+
+    def _instantiate(self, fmu: Any, **options: bool) -> None:
+        fmu.instantiate(**({"callbacks": callbacks()} if self.is_fmi2 else options))
 
     def __enter__(self) -> RawFmu:
         return self

@@ -134,8 +134,10 @@ print(sorted(name for name in sys.modules if name.startswith(("relaxations", "su
         ".checking.balls",
         ".checking.boxes",
         ".checking.claims",
+        ".checking.courses",
         ".checking.lower",
         ".checking.members",
+        ".checking.ramps",
         ".checking.reading",
         ".checking.upper",
     ]

@@ -193,7 +193,7 @@ def test_what_the_checker_calls_malformed() -> None:
 
 def test_a_changed_limit_changes_the_claim() -> None:
     content = proven_course()
-    assert "output_rate, numerator [1, 0], never leaves its first rest value by more than 0.5" in claim(check(content))
+    assert "'output_rate', numerator [1, 0], never leaves its first rest value by more than 0.5" in claim(check(content))
     times = [number(opened(content)["claim"][side]) for side in ("lower", "upper")]
     for limit, outcome in (("0.499", Outcome.REFUTED), ("0.51", Outcome.REFUTED)):
         lie = changed(content, lambda data, limit=limit: data["task"]["limits"]["deflection"].update(output_rate=limit))

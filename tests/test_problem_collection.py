@@ -51,7 +51,7 @@ FACTS = {
     "chain_11": "27.0783724616",
     "chain_12": "28.4927336597",
     "two_mass_fuel": "8.1107317945",
-    "two_mass_spring_limit": "4.757",
+    "two_mass_spring_limit": "4.7565",
     "rigid_body_speed": 2.5,
     "two_mass_rate": "4.321",
     "two_mass_sampled": "6.75",
