@@ -53,8 +53,8 @@ def _since(times: Array, settle: float, experiment: Experiment) -> Array:
     near, since = MERGE * experiment.step, times - settle
     regular = np.round(since / experiment.step) * experiment.step
     since = np.where(np.abs(since - regular) <= near, regular, since)
-    fixed = np.array([*experiment.command.breakpoints, experiment.stop])
-    nearest = fixed[np.abs(fixed[None, :] - since[:, None]).argmin(axis=1)]
+    fixed = np.unique([*experiment.command.breakpoints, experiment.stop])
+    nearest = fixed[np.searchsorted((fixed[1:] + fixed[:-1]) / 2.0, since)]
     return np.where(np.abs(since - nearest) <= near, nearest, since)
 
 
