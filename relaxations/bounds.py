@@ -152,9 +152,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         upper = None if command is None else command.maneuver_time
         price = dual.price(problem)
         near = dual.maneuver_time if upper is None or problem.begin is not None else upper
-        lower = float(
-            lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.fuel, dual.pressed, dual.ramps)
-        )
+        lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.prices))
         if upper is not None:
             lower = min(lower, upper)
         costate = np.array(dual.problem.modal(dual.costate), dtype=float)
@@ -221,7 +219,7 @@ def exceeded(problem: Problem, solution: programs.GridSolution, factor: float = 
         found = problem.tail.exceeded(solution.tail_coefficients, solution.pull)
     if not problem.courses:
         return found
-    return replace(found, moving=exceeded_places(problem.courses, grid, levels, 1.0 - solution.program.inside / 2.0))
+    return replace(found, moving=exceeded_places(problem.courses, grid, levels, 1.0 - solution.program.inside / 2.0, problem.sloped))
 
 
 def cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
@@ -363,7 +361,7 @@ def exponent_of(solution: programs.GridSolution) -> float:
     """`d log α/d log T`, which the costate knows; 0 where α is known to too few digits."""
     problem, costate = extended(solution.problem, solution.costate, solution.tail_multipliers)
     end = float(costate @ problem.rows([solution.maneuver_time])[:, 0])
-    dead = float(np.clip(end, -solution.fuel, solution.fuel))
+    dead = float(np.clip(end, -solution.prices.fuel, solution.prices.fuel))
     drift = float(solution.costate @ solution.problem.aim(np.array([solution.maneuver_time]))[1][:, 0])
     steepest = solution.maneuver_time * (max(problem.upper * (end - dead), problem.lower * (end - dead)) - solution.fraction * drift)
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0
@@ -380,7 +378,7 @@ def ramped(problem: Problem, instants: Reals, values: Reals) -> Command:
 def staircase(problem: Problem, solution: programs.GridSolution) -> Command:
     """The grid's own command, divided by α ≥ 1 so that it reaches the target itself; equal neighbours are one segment."""
     levels = solution.levels / solution.fraction
-    if problem.rate is not None:
+    if problem.sloped:
         return ramped(problem, solution.program.instants, np.concatenate([[0.0], levels[:-1]]))
     horizon, starts = solution.program.maneuver_time, solution.program.instants[:-1]
     keep = np.concatenate([[True], np.diff(levels) != 0.0])

@@ -127,13 +127,18 @@ class Problem:
         return self.residuals is None and self.fuel is None and not self.courses and self.rate is None
 
     @property
+    def sloped(self) -> bool:
+        """Whether the input is continuous: its slope is limited. (With a sample time its steps are, and it is constant in between.)"""
+        return self.rate is not None and self.maneuver.sample_time is None
+
+    @property
     def eased(self) -> Problem:
         """The same without the limits that a bang-bang command may happen to respect."""
         return replace(self, fuel=None, courses=())
 
     def table(self, instants: Reals) -> Reals:
         """The moments at the end of the grid of a unit level in each cell, or of a unit value at each node but the first: (size, N)."""
-        if self.rate is not None:
+        if self.sloped:
             return hats(self.rows, instants)
         integrated = self.rows(instants[-1] - instants, 1)
         return integrated[:, :-1] - integrated[:, 1:]
@@ -286,7 +291,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         tail,
         float(maneuver.rest),
         None if fuel is None else float(fuel),
-        courses_of(plants, maneuver),
+        courses_of(plants, maneuver, begin),
         rate_of(maneuver),
         residuals,
         begin,

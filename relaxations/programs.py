@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import lru_cache
 from typing import Any
 
@@ -24,10 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations.conditioning import framed
-from relaxations.courses import Motion, Press, motion, presses
+from relaxations.courses import Motion, motion, presses
 from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.maneuvers import Problem
-from relaxations.ramps import Ramp, priced
+from relaxations.prices import NONE, Prices
+from relaxations.ramps import priced
 from relaxations.residuals import Residuals
 from relaxations.tails import Looks, moduli
 
@@ -49,6 +51,12 @@ SMALL = 1e-4  # of the largest limited coefficient: smaller ones are not scaled 
 RESIDUAL = 1e-8  # relative; the solver's 1e-10 with room for limits far from the amplitudes used
 DEPENDENT, LOOSE = 1e-4, 1e-2  # what a row adds to those before it, relative to it: where it is less a frame, or another one, is made
 MARGIN = 0.02  # how much longer than the move a frame is, so that it serves for the moves that are looked at next
+
+
+class Slope(Enum):
+    """What of the input's slope is limited: nothing, the slope of a continuous input, its steps from sample to sample."""
+
+    FREE, RAMPS, STEPS = range(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +99,8 @@ class GridSolution:
     """What the solver found: fraction α, levels u (N,) in deviations, tail coefficients (n,), and the multipliers.
 
     `costate` λ (size,) belongs to the moment equations, `mu_above` and `mu_below` (k,) ≥ 0 to the tail's limits, `pull` (n,) to its caps:
-    `Sᵀλ + Eᵀ(μ⁺ - μ⁻)`, which is 0 without a cap, `fuel` ≥ 0 [1/input unit · s] to the budget. They are scaled to
-    `λᵀ target - Σ μ⁺ above - Σ μ⁻ below - Σ |pull_k| cap_k = 1`.
+    `Sᵀλ + Eᵀ(μ⁺ - μ⁻)`, which is 0 without a cap, `prices` to all other limits. They are scaled to
+    `λᵀ target - Σ μ⁺ above - Σ μ⁻ below - Σ |pull_k| cap_k = 1`, what else scales with α included.
     """
 
     program: GridProgram
@@ -104,14 +112,7 @@ class GridSolution:
     mu_below: Reals
     pull: Reals
     status: str
-    fuel: float = 0.0
-    pressed: tuple[Press, ...] = ()
-
-    @property
-    def ramps(self) -> tuple[Ramp, ...]:
-        """Where the slope of the levels is on a limit."""
-        rate = self.problem.rate
-        return () if rate is None else priced(self.program.instants, self.levels, rate, self.fuel)
+    prices: Prices = NONE
 
     @property
     def problem(self) -> Problem:
@@ -136,7 +137,7 @@ class GridSolution:
 
     def price(self, problem: Problem) -> float:
         """`Σ μ⁺ above + Σ μ⁻ below + Σ |pull_k| cap_k`, what the tail's limits take off the costate's target; that of fuel and courses."""
-        others = self.fuel * (problem.fuel or 0.0) + sum(abs(press.weight) * press.course.limit for press in self.pressed)
+        others = self.prices.fuel * (problem.fuel or 0.0) + sum(abs(press.weight) * press.course.limit for press in self.prices.pressed)
         return _price(self.program, self.mu_above, self.mu_below, self.pull) + others
 
     @property
@@ -181,7 +182,7 @@ def build(problem: Problem, instants: Reals, looks: Looks | None = None, inside:
     columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
     moves = problem, instants, orthonormal.T, target, change, problem.lower, problem.upper, columns
     extra = looks.moving if looks else np.zeros((0, 2))
-    bent = motion(problem.courses, instants, extra) if problem.courses else None, inside
+    bent = motion(problem.courses, instants, extra, problem.sloped) if problem.courses else None, inside
     if problem.residuals is not None:
         return _with_residuals(GridProgram(*moves, *_NO_LIMITS, *bent), problem.residuals, looks, inside)
     tail = problem.tail
@@ -228,13 +229,13 @@ def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | N
 
 
 @lru_cache(maxsize=16)
-def _compiled(size: int, cells: int, coefficients: int, looks: int, budget: bool, ramps: bool) -> dict[str, Any]:
+def _compiled(size: int, cells: int, coefficients: int, looks: int, budget: bool, slope: Slope) -> dict[str, Any]:
     """The parametrised cvxpy problem of one shape, compiled once (a re-solve then costs a tenth)."""
-    return _stated(size, cells, coefficients, looks, budget, ramps)
+    return _stated(size, cells, coefficients, looks, budget, slope)
 
 
 def _stated(
-    size: int, cells: int, coefficients: int, looks: int, budget: bool, ramps: bool, motion: Motion | None = None
+    size: int, cells: int, coefficients: int, looks: int, budget: bool, slope: Slope, motion: Motion | None = None
 ) -> dict[str, Any]:
     """The cvxpy problem of one shape, by the names of its parameters, variables and constraints; courses are constants in it."""
     import cvxpy as cp
@@ -258,10 +259,13 @@ def _stated(
         shape = named["shapes"] @ named["tail"]
         named |= {"ceiling": shape <= fraction * named["above"], "floor": -shape <= fraction * named["below"]}
         limits += [named["ceiling"], named["floor"]]
-    if ramps:
-        named |= {"rising": cp.Parameter(cells), "falling": cp.Parameter(cells), "end": cp.Parameter()}
-        steps = levels - cp.hstack([0.0, levels[:-1]])
-        limits += [steps <= named["rising"], steps >= named["falling"], levels[-1] == fraction * named["end"]]
+    if slope is not Slope.FREE:
+        count = cells if slope is Slope.RAMPS else cells + 1  # to the final rest it is one more step, and the last ramp ends there
+        named |= {"rising": cp.Parameter(count), "falling": cp.Parameter(count), "end": cp.Parameter()}
+        end = cp.hstack([fraction * named["end"]])
+        steps = cp.hstack([levels, end])[:count] - cp.hstack([0.0, levels])[:count]
+        named |= {"up": steps <= named["rising"], "down": steps >= named["falling"]}
+        limits += [named["up"], named["down"], *([levels[-1:] == end] if slope is Slope.RAMPS else [])]
     if motion is not None:
         count, past = len(motion.places), motion.unknowns
         named |= {"half": cp.Parameter(), "risen": cp.Parameter(count), "over": cp.Parameter(count), "under": cp.Parameter(count)}
@@ -280,11 +284,12 @@ def solve(program: GridProgram) -> GridSolution:
     from cvxpy.error import SolverError as NotSolvedError
 
     (looks, coefficients), cells, fuel = program.shapes.shape, program.rows.shape[1], program.problem.fuel
-    size, motion, imposed, ramps = len(program.rows), program.motion, looks if coefficients else 0, program.problem.rate is not None
+    size, motion, imposed, rate = len(program.rows), program.motion, looks if coefficients else 0, program.problem.rate
+    slope = Slope.FREE if rate is None else Slope.RAMPS if program.problem.sloped else Slope.STEPS
     if motion is None:
-        compiled = _compiled(size, cells, coefficients, imposed, fuel is not None, ramps)
+        compiled = _compiled(size, cells, coefficients, imposed, fuel is not None, slope)
     else:
-        compiled = _stated(size, cells, coefficients, imposed, fuel is not None, ramps, motion)
+        compiled = _stated(size, cells, coefficients, imposed, fuel is not None, slope, motion)
     # Levels are measured in half the actuator's range, the target in its own length, a tail coefficient in what fills that range: every
     # number is then of order one.
     half = (program.upper - program.lower) / 2
@@ -301,14 +306,15 @@ def solve(program: GridProgram) -> GridSolution:
     width = program.maneuver_time / cells
     if fuel is not None:
         values |= {"widths": np.diff(program.instants) / width, "fuel": fuel / (half * width)}
-    if (rate := program.problem.rate) is not None:
-        steps = np.diff(program.instants) / half
+    if rate is not None:
+        step = program.problem.maneuver.sample_time
+        steps = np.diff(program.instants) / half if step is None else np.full(cells + 1, float(step) / half)
         values |= {"rising": rate[1] * steps, "falling": rate[0] * steps, "end": program.problem.hold / length}
-        if fuel is not None:  # nodes carry half of either cell
+        if fuel is not None and step is None:  # nodes carry half of either cell
             values["widths"] = (values["widths"] + np.append(values["widths"][1:], 0.0)) / 2
     if motion is not None:
         most = 1.0 - program.inside
-        values |= {"half": half, "risen": half / length * motion.finals}
+        values |= {"half": half, "risen": half / length * (motion.finals - motion.free)}
         values |= {"over": np.maximum(most - motion.finals, 0.0), "under": np.maximum(most + motion.finals, 0.0)}
     for name, value in values.items():
         compiled[name].value = value
@@ -336,8 +342,8 @@ def solve(program: GridProgram) -> GridSolution:
     k = len(program.looks)
     pull = program.columns.T @ multiplier + program.shapes[:k].T @ (prices[0] - prices[1])[:k]
     bent = [np.maximum(compiled[name].dual_value, 0.0) for name in ("bent", "unbent")] if motion is not None else []
-    pressed = presses(program.problem.courses, motion.places, half * (bent[0] - bent[1]), program.instants) if motion is not None else ()
-    risen = sum(press.weight * press.course.final for press in pressed)
+    held = half * (bent[0] - bent[1]) if motion is not None else np.zeros(0)
+    risen = float(held @ (motion.finals - motion.free)) if motion is not None else 0.0
     scale = float(multiplier @ program.target) - _price(program, prices[0], prices[1], pull) - risen
     if scale <= 0.0:
         raise SolverError(f"the multipliers at T = {program.maneuver_time!r} s vanish on the target")
@@ -351,9 +357,19 @@ def solve(program: GridProgram) -> GridSolution:
         prices[1] / scale,
         pull / scale,
         status,
-        0.0 if fuel is None else max(float(compiled["budget"].dual_value), 0.0) / (width * scale),
-        tuple(replace(press, weight=press.weight / scale) for press in pressed),
+        _prices(program, levels, compiled, held / scale, slope, width, scale),
     )
+
+
+def _prices(program: GridProgram, levels: Reals, compiled: dict[str, Any], held: Reals, slope: Slope, width: float, scale: float) -> Prices:
+    """What the solver says of the limits that do not scale with α."""
+    posed, motion = program.problem, program.motion
+    fuel = 0.0 if posed.fuel is None else max(float(compiled["budget"].dual_value), 0.0) / (width * scale)
+    spread = posed.maneuver.sample_time is None
+    pressed = presses(posed.courses, motion.places, held, program.instants, spread) if motion is not None else ()
+    ramps = priced(program.instants, levels, posed.rate, fuel) if posed.rate and slope is Slope.RAMPS else ()
+    up, down = (np.maximum(compiled[name].dual_value, 0.0) for name in ("up", "down")) if slope is Slope.STEPS else (np.zeros(0),) * 2
+    return Prices(fuel, pressed, ramps, tuple(float(x) for x in (up - down)[::-1] / scale))
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,7 +91,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
     proof, found, count, trouble = Proof(), None, 0, None
     gridded = problem.maneuver.sample_time is not None
     if problem.courses or problem.rate is not None:
-        chosen = replace(chosen.finer(4 if problem.rate is not None else 2), tolerance=max(chosen.tolerance, CLOSE))
+        chosen = replace(chosen.finer(4 if problem.sloped else 2), tolerance=max(chosen.tolerance, CLOSE))
     look = sampled_bracket if gridded else bracket
     if not gridded and problem.eased.bang_bang and not problem.bang_bang and (first := _at_ease(problem, task, chosen)) is not None:
         return replace(first, seconds=time.perf_counter() - begun)

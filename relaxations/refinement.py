@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations.commands import Command, Segment, Tail
-from relaxations.courses import Press
 from relaxations.duality import costate_roots
 from relaxations.maneuvers import Problem
-from relaxations.ramps import Ramp
+from relaxations.prices import NONE, Prices
 from relaxations.tails import NO_TAIL, Contact, TailStart
 
 Reals = NDArray[np.float64]
@@ -47,9 +46,7 @@ class Extremal:
     residual: float  # relative residual of the moment equations
     iterations: int
     tail: TailStart = NO_TAIL
-    fuel: float = 0.0  # multipliers of further limits, which an extremal does not have
-    pressed: tuple[Press, ...] = ()
-    ramps: tuple[Ramp, ...] = ()
+    prices: Prices = NONE  # multipliers of further limits, which an extremal does not have
 
     def levels(self, problem: Problem) -> Reals:
         """Deviation of the input on each arc, in order of time to go."""

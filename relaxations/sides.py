@@ -100,10 +100,8 @@ def accepted(task: dict[str, Any], lower: Side | None = None, upper: Side | None
 
 def lower_side(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
-    value = lower_bound(
-        *extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.fuel, dual.pressed, dual.ramps
-    )
-    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.fuel, dual.pressed, dual.ramps)
+    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.prices)
+    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.prices)
     step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS]
     if step is not None:
         claims = [problem.on_grid(value) - k * step for k in (0, 1)]
@@ -143,7 +141,7 @@ def instant_proof(problem: Problem, task: dict[str, Any], found: Bound) -> Proof
 
 def staircase_of(problem: Problem, fixed: Repaired) -> Command:
     """The command of a repaired solution, in doubles."""
-    if problem.rate is not None:
+    if problem.sloped:
         levels = np.array([float(level - problem.maneuver.rest) for level in fixed.levels])
         return ramped(problem, np.append(fixed.starts, fixed.maneuver_time), levels)
     segments = tuple(Segment(float(s), float(v)) for s, v in zip(fixed.starts, fixed.levels, strict=True))

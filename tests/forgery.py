@@ -139,7 +139,12 @@ def certificate(
 
 
 def costate(
-    *chains: tuple[tuple[str, str], list[tuple[str, str]]], tail: Any = (), fuel: str = "0", deflection: Any = (), ramps: Any = ()
+    *chains: tuple[tuple[str, str], list[tuple[str, str]]],
+    tail: Any = (),
+    fuel: str = "0",
+    deflection: Any = (),
+    ramps: Any = (),
+    steps: Any = (),
 ) -> dict[str, Any]:
     """A lower side's witness."""
     written_chains = [{"near": list(near), "coefficients": [list(c) for c in coefficients]} for near, coefficients in chains]
@@ -150,6 +155,7 @@ def costate(
         "fuel": fuel,
         "deflection": list(deflection),
         "ramps": list(ramps),
+        "steps": list(steps),
     }
 
 
