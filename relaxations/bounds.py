@@ -16,7 +16,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations import programs
+from relaxations import posing, programs
 from relaxations.commands import Command, Segment, Tail
 from relaxations.courses import exceeded_places
 from relaxations.duality import Costate, lower_bound
@@ -228,12 +228,12 @@ def cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
     The limits are tightened by the fraction `inside`, which is what the last cut may be off by.
     """
     looks = first_looks(problem)
-    solution = programs.solve(programs.build(problem, grid, looks, inside))
+    solution = programs.solve(posing.build(problem, grid, looks, inside))
     for _ in range(CUTS):
         if not (over := exceeded(problem, solution)):
             break
         looks |= over
-        solution = programs.solve(programs.build(problem, grid, looks, inside))
+        solution = programs.solve(posing.build(problem, grid, looks, inside))
     return solution
 
 
@@ -308,7 +308,7 @@ def grid_minimum(
     while count < settings.programs:
         count += 1
         try:
-            solution = programs.solve(programs.build(problem, instants(problem, horizon, settings), looks))
+            solution = programs.solve(posing.build(problem, instants(problem, horizon, settings), looks))
         except ShortHorizonError:
             short = max(short, horizon)
             horizon = math.sqrt(horizon * above.maneuver_time) if above else 1.5 * horizon

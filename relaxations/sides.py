@@ -102,7 +102,8 @@ def lower_side(problem: Problem, task: dict[str, Any], dual: Extremal | programs
     """The lower side of a costate in doubles: the closest claim that is accepted."""
     value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.prices)
     witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.prices)
-    step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS]
+    followed = dual.prices.pressed or dual.prices.ramps  # p was integrated on a grid then
+    step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS[-4 if followed else 0 :]]
     if step is not None:
         claims = [problem.on_grid(value) - k * step for k in (0, 1)]
     for claim in claims if value > 0.0 else ():

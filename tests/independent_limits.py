@@ -101,4 +101,3 @@ class Limited:
             middle = (low + high) / 2
             low, high = (low, middle) if self.fraction(middle, cells) >= 1.0 else (middle, high)
         return high
-

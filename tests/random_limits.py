@@ -37,7 +37,7 @@ class Limiting:
             asked.rate,
             {name: float(limit) for name, limit in maneuver.limits.deflection.items()},
             [float(x) for x in maneuver.initial or ()],
-            maneuver.sample_time and float(maneuver.sample_time),
+            None if maneuver.sample_time is None else float(maneuver.sample_time),
             looks,
         )
 
