@@ -127,6 +127,11 @@ class Problem:
         return self.residuals is None and self.fuel is None and not self.courses and self.rate is None
 
     @property
+    def switched(self) -> bool:
+        """Whether the command is on a limit of the input or, where fuel has a price, at rest nearly everywhere: switch times say it all."""
+        return self.residuals is None and not self.courses and self.rate is None
+
+    @property
     def eased(self) -> Problem:
         """The same without the limits that a bang-bang command may happen to respect."""
         return replace(self, fuel=None, courses=())
@@ -194,6 +199,11 @@ class Problem:
         """The input itself, in input units: adding the rest must not round a level beyond its limit."""
         limits = self.maneuver.limits
         return min(max(deviation + self.rest, float(limits.lower)), float(limits.upper))
+
+    def exactly(self, deviation: float) -> Fraction:
+        """The exact input of a deviation that is a limit or none, in input units."""
+        limits = self.maneuver.limits
+        return {self.upper: limits.upper, self.lower: limits.lower}.get(deviation, self.maneuver.rest)
 
     def derivative(self, costate: Reals) -> Reals:
         """Costate of ds-derivative of `p(s) = λᵀ b(s)`."""

@@ -179,9 +179,9 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         return instant_proof(problem, task, found)
     proof, extremal = Proof(), None if problem.maneuver.sample_time is not None else found.dual
     problem = extremal.problem if extremal else problem
-    if isinstance(extremal, programs.GridSolution) and found.upper is not None and problem.bang_bang:
+    if isinstance(extremal, programs.GridSolution) and found.upper is not None and problem.switched:
         # Where Newton's method in doubles failed, one in more digits may find its way from the grid.
-        extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal))
+        extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal), extremal.fuel)
     if isinstance(extremal, Extremal) and (polished := polish(problem, extremal)) is not None:
         proof = _regular(problem, task, extremal, polished)
     if isinstance(extremal, Extremal) and extremal is found.dual and proof.upper is None:
@@ -207,7 +207,7 @@ def _near(problem: Problem, found: Bound, dual: Extremal | programs.GridSolution
 def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polished: Polished) -> Proof:
     """Both sides of a regular optimum, claimed a double below and a double above the duration."""
     middle = float(polished.maneuver_time)
-    witness = certificates.costate_witness(problem, polished.costate, polished.multipliers)
+    witness = certificates.costate_witness(problem, polished.costate, polished.multipliers, polished.fuel)
     lower: Side | None = Side(Fraction(float(np.nextafter(middle, 0.0))), witness)
     above = Fraction(float(np.nextafter(middle, np.inf)))
     for upper in _witnesses(problem, _limits(problem, extremal), polished.maneuver_time, polished.starts, polished.tail):
@@ -253,8 +253,7 @@ def _witnesses(problem: Problem, levels: Sequence[Fraction], duration: Number, s
 
 def _limits(problem: Problem, extremal: Extremal) -> list[Fraction]:
     """The exact absolute levels of an extremal's arcs, in order of time."""
-    limits = problem.maneuver.limits
-    return [limits.upper if level == problem.upper else limits.lower for level in extremal.levels(problem)[::-1]]
+    return [problem.exactly(float(level)) for level in extremal.levels[::-1]]
 
 
 def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: Fraction) -> Command:
