@@ -212,8 +212,8 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
     above = Fraction(float(np.nextafter(middle, np.inf)))
     for upper in _witnesses(problem, _limits(problem, extremal), polished.maneuver_time, polished.starts, polished.tail):
         side = Side(above, upper)
-        if accepted(task, lower, side):
-            return Proof(lower, side, _bang_bang(problem, extremal, polished, above), len(polished.starts) - 1)
+        if content := accepted(task, lower, side):
+            return Proof(lower, side, _bang_bang(problem, extremal, polished, above), len(polished.starts) - 1, content)
     return Proof(lower if lower and accepted(task, lower=lower) else None)
 
 
