@@ -200,11 +200,6 @@ class Problem:
         limits = self.maneuver.limits
         return min(max(deviation + self.rest, float(limits.lower)), float(limits.upper))
 
-    def exactly(self, deviation: float) -> Fraction:
-        """The exact input of a deviation that is a limit or none, in input units."""
-        limits = self.maneuver.limits
-        return {self.upper: limits.upper, self.lower: limits.lower}.get(deviation, self.maneuver.rest)
-
     def derivative(self, costate: Reals) -> Reals:
         """Costate of ds-derivative of `p(s) = λᵀ b(s)`."""
         if self.frame:

@@ -169,7 +169,7 @@ def _polish(problem: Problem, extremal: Extremal, bits: int) -> Polished | None:
     room = [_allowance(problem, exact, contact) for contact in contacts]
     reach = problem.maneuver.limits.upper - problem.maneuver.limits.lower
     margins = [rational(INSIDE) * (r if c.cap is not None else arb(rational(reach))) for c, r in zip(contacts, room, strict=True)]
-    levels = [arb(rational(problem.exactly(float(level)) - problem.maneuver.rest)) for level in extremal.levels]
+    levels = [arb(rational(level - problem.maneuver.rest)) for level in extremal.exact_levels]
     fuel = problem.maneuver.limits.fuel if problem.fuel is not None else None
     left = [] if fuel is None else [arb(rational(fuel * (1 - INSIDE)))]
     system = _System(exact, levels, contacts, room, [r - margin for r, margin in zip(room, margins, strict=True)], left)

@@ -210,7 +210,7 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
     witness = certificates.costate_witness(problem, polished.costate, polished.multipliers, polished.fuel)
     lower: Side | None = Side(Fraction(float(np.nextafter(middle, 0.0))), witness)
     above = Fraction(float(np.nextafter(middle, np.inf)))
-    for upper in _witnesses(problem, _limits(problem, extremal), polished.maneuver_time, polished.starts, polished.tail):
+    for upper in _witnesses(problem, extremal.exact_levels[::-1], polished.maneuver_time, polished.starts, polished.tail):
         side = Side(above, upper)
         if content := accepted(task, lower, side):
             return Proof(lower, side, _bang_bang(problem, extremal, polished, above), len(polished.starts) - 1, content)
@@ -220,7 +220,7 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
 def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: Bound) -> Side | None:
     """The upper side of an extremal in doubles."""
     starts = np.concatenate([[0.0], extremal.maneuver_time - extremal.switches_to_go[::-1]])  # of the command some may have merged
-    for witness in _witnesses(problem, _limits(problem, extremal), extremal.maneuver_time, starts, found.tail):
+    for witness in _witnesses(problem, extremal.exact_levels[::-1], extremal.maneuver_time, starts, found.tail):
         for margin in (1e-14, 1e-13, 1e-12):
             side = Side(Fraction(extremal.maneuver_time * (1.0 + margin)), witness)
             if accepted(task, upper=side):
@@ -251,13 +251,8 @@ def _witnesses(problem: Problem, levels: Sequence[Fraction], duration: Number, s
         yield certificates.command_witness(duration, starts, levels, chains, free, radius * float(duration))
 
 
-def _limits(problem: Problem, extremal: Extremal) -> list[Fraction]:
-    """The exact absolute levels of an extremal's arcs, in order of time."""
-    return [problem.exactly(float(level)) for level in extremal.levels[::-1]]
-
-
 def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: Fraction) -> Command:
-    arcs = {float(s): float(v) for s, v in zip(polished.starts, _limits(problem, extremal), strict=True)}
+    arcs = {float(s): float(v) for s, v in zip(polished.starts, extremal.exact_levels[::-1], strict=True)}
     segments = tuple(Segment(start, level) for start, level in arcs.items())  # of arcs that a double cannot tell apart the last
     terms = problem.tail.terms(np.array([float(c) for c in polished.tail]))
     return Command(float(upper), segments, Tail(problem.absolute(problem.hold), terms))

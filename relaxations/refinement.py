@@ -12,6 +12,7 @@ where p is beyond μ on that side, and rests in between: at a switch from level 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,13 @@ class Extremal:
         arcs = {float(start): problem.absolute(float(level)) for start, level in zip(starts, self.levels[::-1], strict=True)}
         segments = tuple(Segment(start, level) for start, level in arcs.items())  # of arcs that a double cannot tell apart the last
         return Command(self.maneuver_time, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(self.tail.coefficients)))
+
+    @property
+    def exact_levels(self) -> list[Fraction]:
+        """The input itself on the arcs, in order of time to go: a limit, or the one at rest."""
+        maneuver = self.problem.maneuver
+        named = {self.problem.upper: maneuver.limits.upper, self.problem.lower: maneuver.limits.lower}
+        return [named.get(float(level), maneuver.rest) for level in self.levels]
 
     @property
     def tail_coefficients(self) -> Reals:
