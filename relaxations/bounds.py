@@ -241,9 +241,9 @@ def cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
 
 def _refined(start: programs.GridSolution) -> Extremal | Failure:
     problem = start.problem  # in the coordinates that the program chose
-    if not problem.bang_bang:
+    if not problem.switched:
         return Failure("a command with further limits is repaired on the grid, not refined")
-    return refine(problem, start.costate, start.maneuver_time, contacts(problem, start))
+    return refine(problem, start.costate, start.maneuver_time, contacts(problem, start), start.fuel)
 
 
 def contacts(problem: Problem, solution: programs.GridSolution) -> TailStart:
