@@ -379,9 +379,7 @@ def closest(columns: NDArray[np.complex128], radii: Reals, negative: float = 0.0
     below: Any = cp.Variable(columns.shape[1], nonneg=True) if negative else 0
     reached = cp.vstack([columns.real @ x, columns.imag @ x])
     circles = cp.SOC(radii + r, reached, axis=0)
-    limits: list[Any] = [circles, cp.sum(x) == 1, x + below >= 0]
-    if negative:
-        limits.append(cp.sum(below) <= negative)
+    limits: list[Any] = [circles, cp.sum(x) == 1, x + below >= 0, *([cp.sum(below) <= negative] if negative else [])]
     program = cp.Problem(cp.Minimize(r), limits)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # as above: judged by what is used of it
@@ -399,5 +397,4 @@ def closest(columns: NDArray[np.complex128], radii: Reals, negative: float = 0.0
     turned = (multipliers.conj() @ columns).real
     if float(turned @ x.value) < 0.0:
         multipliers, turned = -multipliers, -turned
-    weights = x.value if negative else np.maximum(x.value, 0.0)
-    return ConeSolution(weights, float(r.value), float(turned.min()), multipliers)
+    return ConeSolution(x.value if negative else np.maximum(x.value, 0.0), float(r.value), float(turned.min()), multipliers)
