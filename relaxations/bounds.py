@@ -239,9 +239,9 @@ def cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
 
 def _refined(start: programs.GridSolution) -> Extremal | Failure:
     problem = start.problem  # in the coordinates that the program chose
-    if not problem.bang_bang:
+    if not problem.switched:
         return Failure("a command with further limits is repaired on the grid, not refined")
-    return refine(problem, start.costate, start.maneuver_time, contacts(problem, start))
+    return refine(problem, start.costate, start.maneuver_time, contacts(problem, start), start.fuel)
 
 
 def contacts(problem: Problem, solution: programs.GridSolution) -> TailStart:
@@ -361,7 +361,7 @@ def exponent_of(solution: programs.GridSolution) -> float:
     """`d log α/d log T`, which the costate knows; 0 where α is known to too few digits."""
     problem, costate = extended(solution.problem, solution.costate, solution.tail_multipliers)
     end = float(costate @ problem.rows([solution.maneuver_time])[:, 0])
-    dead = float(np.clip(end, -solution.prices.fuel, solution.prices.fuel))
+    dead = float(np.clip(end, -solution.fuel, solution.fuel))
     drift = float(solution.costate @ solution.problem.aim(np.array([solution.maneuver_time]))[1][:, 0])
     steepest = solution.maneuver_time * (max(problem.upper * (end - dead), problem.lower * (end - dead)) - solution.fraction * drift)
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0

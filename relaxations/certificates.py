@@ -190,6 +190,7 @@ def certificate(
     upper: dict[str, Any] | None,
 ) -> bytes:
     """Canonical bytes (RFC 8785) with their digest."""
-    content = {"format": FORMAT, "task": task, "claim": claim, "lower": lower, "upper": upper}
-    digest = hashlib.sha256(rfc8785.dumps(content)).hexdigest()
-    return rfc8785.dumps({**content, "digest": digest})
+    content = rfc8785.dumps({"format": FORMAT, "task": task, "claim": claim, "lower": lower, "upper": upper})
+    first = len(rfc8785.dumps({"claim": claim})) - 1  # "digest" comes next to it in canonical order
+    digest = rfc8785.dumps({"digest": hashlib.sha256(content).hexdigest()})
+    return content[:first] + b"," + digest[1:-1] + content[first:]

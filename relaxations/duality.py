@@ -100,19 +100,26 @@ class Support:
     final: float  # σ(p(T)), the integrand where the horizon ends
 
 
-def support(problem: Problem, costate: Reals, horizon: float, price: float = 0.0) -> Support:
-    """Evaluate `∫_0^horizon σ(p(s)) ds` through the antiderivative of b; `price` is that of the fuel."""
+Known = dict[float, tuple[float, Reals]]
+"""For each level the longest horizon that was looked at and the roots within it: they are times to go, and serve all shorter ones."""
+
+
+def support(problem: Problem, costate: Reals, horizon: float, price: float = 0.0, known: Known | None = None) -> Support:
+    """Evaluate `∫_0^horizon σ(p(s)) ds` through the antiderivative of b; `price` is that of the fuel, `known` of this costate."""
+    known = {} if known is None else known
     if not price:
-        return _support(problem, costate, horizon, 0.0, problem.lower, problem.upper)
-    above = _support(problem, costate, horizon, price, 0.0, problem.upper)
-    below = _support(problem, costate, horizon, -price, problem.lower, 0.0)
+        return _support(problem, costate, horizon, 0.0, problem.lower, problem.upper, known)
+    above = _support(problem, costate, horizon, price, 0.0, problem.upper, known)
+    below = _support(problem, costate, horizon, -price, problem.lower, 0.0, known)
     roots = np.union1d(above.roots, below.roots)
     return Support(horizon, roots, above.integral + below.integral, above.rounding + below.rounding, above.final + below.final)
 
 
-def _support(problem: Problem, costate: Reals, horizon: float, level: float, lower: float, upper: float) -> Support:
+def _support(problem: Problem, costate: Reals, horizon: float, level: float, lower: float, upper: float, known: Known) -> Support:
     """The same of `max(upper (p - level), lower (p - level))`."""
-    roots = costate_roots(problem, costate, horizon, level)
+    if level not in known or known[level][0] < horizon:
+        known[level] = horizon, costate_roots(problem, costate, horizon, level)
+    roots = known[level][1][known[level][1] < horizon]
     edges = np.concatenate([[0.0], roots, [horizon]])
     table = problem.rows(edges, 1)
     pieces = costate @ np.diff(table, axis=1) - level * np.diff(edges)
@@ -161,11 +168,12 @@ def lower_bound(
         return _followed(problem, costate, near, price, prices)
     if problem.begin is None and float(costate @ problem.target) <= price:
         return 0.0
-    fuel = prices.fuel
+    fuel = float(prices.fuel)
     low, high = 0.0, np.inf
     time, best = near, 0.0
+    known: Known = {}
     for _ in range(60):
-        value = support(problem, costate, time, fuel)
+        value = support(problem, costate, time, fuel, known)
         aim, drift = (float(costate @ part[:, 0]) for part in problem.aim(np.array([time])))
         wanted = aim - price
         if value.integral + value.rounding < wanted:
@@ -201,9 +209,9 @@ def _followed(problem: Problem, costate: Reals, near: float, price: float, price
     p, first = sampled_costate(bases, parts, prices.pressed, points), 0.0
     if prices.ramps and problem.rate is not None:
         limits, edges = (problem.lower, problem.upper), points
-        total, first = ramped(p, points, limits, problem.rate, prices.fuel, prices.ramps)
+        total, first = ramped(p, points, limits, problem.rate, float(prices.fuel), prices.ramps)
     else:
-        total = np.concatenate([[0.0], np.cumsum(_cells(problem, p, np.diff(edges), prices.fuel))])
+        total = np.concatenate([[0.0], np.cumsum(_cells(problem, p, np.diff(edges), float(prices.fuel)))])
     left = _wanted(problem, costate, edges, price - first * problem.hold, prices) - total
     refuted = np.flatnonzero(left > 0.0)
     if not len(refuted):
@@ -242,7 +250,7 @@ def _sampled(problem: Problem, costate: Reals, near: float, price: float, prices
     """
     step = problem.maneuver.sample_time
     assert step is not None
-    edges, fuel = problem.samples(round(near / float(step)) + 2), prices.fuel
+    edges, fuel = problem.samples(round(near / float(step)) + 2), float(prices.fuel)
     table = problem.rows(edges, 1)
     pieces = costate @ np.diff(table, axis=1) - sum((press.over(edges) for press in prices.pressed), np.zeros(len(edges) - 1))
     q = np.zeros(len(edges))

@@ -132,6 +132,11 @@ class Problem:
         return self.rate is not None and self.maneuver.sample_time is None
 
     @property
+    def switched(self) -> bool:
+        """Whether the command is on a limit of the input or, where fuel has a price, at rest nearly everywhere: switch times say it all."""
+        return self.residuals is None and not self.courses and self.rate is None
+
+    @property
     def eased(self) -> Problem:
         """The same without the limits that a bang-bang command may happen to respect."""
         return replace(self, fuel=None, courses=())

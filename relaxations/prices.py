@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ class Prices:
     """Of the fuel μ ≥ 0 [1/input unit · s], of named outputs, of the slope (where it is on a limit), and of the input's steps from sample
     to sample (the last one, to the final rest, first)."""
 
-    fuel: float = 0.0
+    fuel: float | Fraction = 0.0
     pressed: tuple[Press, ...] = ()
     ramps: tuple[Ramp, ...] = ()
     steps: tuple[float, ...] = ()

@@ -37,6 +37,7 @@ from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.plants import fraction
 from relaxations.polishing import Polished, polish
+from relaxations.prices import Prices
 from relaxations.refinement import Extremal, outline
 from relaxations.repair import SNAP, pivots
 from relaxations.robust import further, minimum
@@ -179,9 +180,9 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         return instant_proof(problem, task, found)
     proof, extremal = Proof(), None if problem.maneuver.sample_time is not None else found.dual
     problem = extremal.problem if extremal else problem
-    if isinstance(extremal, programs.GridSolution) and found.upper is not None and problem.bang_bang:
+    if isinstance(extremal, programs.GridSolution) and found.upper is not None and problem.switched:
         # Where Newton's method in doubles failed, one in more digits may find its way from the grid.
-        extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal))
+        extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal), extremal.fuel)
     if isinstance(extremal, Extremal) and (polished := polish(problem, extremal)) is not None:
         proof = _regular(problem, task, extremal, polished)
     if isinstance(extremal, Extremal) and extremal is found.dual and proof.upper is None:
@@ -207,20 +208,20 @@ def _near(problem: Problem, found: Bound, dual: Extremal | programs.GridSolution
 def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polished: Polished) -> Proof:
     """Both sides of a regular optimum, claimed a double below and a double above the duration."""
     middle = float(polished.maneuver_time)
-    witness = certificates.costate_witness(problem, polished.costate, polished.multipliers)
+    witness = certificates.costate_witness(problem, polished.costate, polished.multipliers, Prices(polished.fuel))
     lower: Side | None = Side(Fraction(float(np.nextafter(middle, 0.0))), witness)
     above = Fraction(float(np.nextafter(middle, np.inf)))
-    for upper in _witnesses(problem, _limits(problem, extremal), polished.maneuver_time, polished.starts, polished.tail):
+    for upper in _witnesses(problem, extremal.exact_levels[::-1], polished.maneuver_time, polished.starts, polished.tail):
         side = Side(above, upper)
-        if accepted(task, lower, side):
-            return Proof(lower, side, _bang_bang(problem, extremal, polished, above), len(polished.starts) - 1)
+        if content := accepted(task, lower, side):
+            return Proof(lower, side, _bang_bang(problem, extremal, polished, above), len(polished.starts) - 1, content)
     return Proof(lower if lower and accepted(task, lower=lower) else None)
 
 
 def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: Bound) -> Side | None:
     """The upper side of an extremal in doubles."""
     starts = np.concatenate([[0.0], extremal.maneuver_time - extremal.switches_to_go[::-1]])  # of the command some may have merged
-    for witness in _witnesses(problem, _limits(problem, extremal), extremal.maneuver_time, starts, found.tail):
+    for witness in _witnesses(problem, extremal.exact_levels[::-1], extremal.maneuver_time, starts, found.tail):
         for margin in (1e-14, 1e-13, 1e-12):
             side = Side(Fraction(extremal.maneuver_time * (1.0 + margin)), witness)
             if accepted(task, upper=side):
@@ -251,14 +252,8 @@ def _witnesses(problem: Problem, levels: Sequence[Fraction], duration: Number, s
         yield certificates.command_witness(duration, starts, levels, chains, free, radius * float(duration))
 
 
-def _limits(problem: Problem, extremal: Extremal) -> list[Fraction]:
-    """The exact absolute levels of an extremal's arcs, in order of time."""
-    limits = problem.maneuver.limits
-    return [limits.upper if level == problem.upper else limits.lower for level in extremal.levels(problem)[::-1]]
-
-
 def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: Fraction) -> Command:
-    arcs = {float(s): float(v) for s, v in zip(polished.starts, _limits(problem, extremal), strict=True)}
+    arcs = {float(s): float(v) for s, v in zip(polished.starts, extremal.exact_levels[::-1], strict=True)}
     segments = tuple(Segment(start, level) for start, level in arcs.items())  # of arcs that a double cannot tell apart the last
     terms = problem.tail.terms(np.array([float(c) for c in polished.tail]))
     return Command(float(upper), segments, Tail(problem.absolute(problem.hold), terms))

@@ -7,7 +7,7 @@ import pytest
 from independent import StateSpace, reachable_fraction
 from problems import AWKWARD, FACTS, KNOWN, Known, chain, two_mass
 
-from relaxations import bounds, programs
+from relaxations import bounds, posing, programs
 from relaxations.bounds import bracket
 from relaxations.energy import energy_bound
 from relaxations.errors import SolverError
