@@ -9,13 +9,15 @@ for every T alike, because (x_ss, u_ss) is a rest at every instant of the schedu
 `Φ(0, T) x_ss` is then `g(T) u_ss`. So (1') is equation (1) of docs/theory.md with t for time to go and g for b, and one table of g serves
 every horizon.
 
-Between its instants the matrices are linear in t, and g is a power series in every step: with Φ(0, t) = Σ Y_k τ^k, τ from the step's begin,
-`(k+1) Y_{k+1} = -(Y_k A_0 + Y_{k-1} A_1)`, and `g_k = Y_k B_0 + Y_{k-1} B_1` (Taylor's method). python-flint's balls serve as long floats here.
+Between its instants the matrices are linear in t, and g is a power series in every step (Taylor's method): with Φ(0, t) = Σ Y_k τ^k, τ
+from the step's begin on, `(k+1) Y_{k+1} = -(Y_k A_0 + Y_{k-1} A_1)`, and `g_k = Y_k B_0 + Y_{k-1} B_1`. python-flint's balls serve as long
+floats here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
@@ -65,11 +67,11 @@ class VaryingPlant:
         Raises `PlantError` if instants do not ascend from 0, sizes differ, or the input moves nothing.
         """
         times, n = tuple(exact(t) for t in instants), len(B[0])
-        if not times or times[0] != 0 or any(after <= before for before, after in zip(times, times[1:], strict=False)):
+        if not times or times[0] != 0 or any(after <= before for before, after in itertools.pairwise(times)):
             raise PlantError(f"the instants of a schedule ascend from 0, not {[float(t) for t in times]}")
         through = [exact(d) for d in D] if D is not None else [Fraction(0)] * len(times)
         if not len(times) == len(A) == len(B) == len(C) == len(through):
-            raise PlantError(f"a schedule of {len(times)} instants has as many matrices A, B, C, D, not {len(A)}, {len(B)}, {len(C)}, {len(through)}")
+            raise PlantError(f"a schedule of {len(times)} instants has as many matrices A, B, C and D")
         if any(len(a) != n or any(len(row) != n for row in a) for a in A) or any(len(row) != n for row in (*B, *C)):
             raise PlantError(f"at every instant A is n×n, B and C have n numbers; here n = {n}")
         reached = {i for i in range(n) if any(exact(b[i]) for b in B)}
@@ -106,7 +108,7 @@ class VaryingPlant:
         try:
             found = fmpq_mat(table).solve(fmpq_mat([*([fmpq(0)] for _ in range(n)), [_rational(displacement)]]))
         except ZeroDivisionError:
-            raise PlantError(f"the plant after its schedule has no rest with the output {self.output!r} elsewhere, or more than one") from None
+            raise PlantError(f"after its schedule the plant has no rest with {self.output!r} elsewhere, or more than one") from None
         state, held = tuple(fraction(found[i, 0]) for i in range(n)), fraction(found[n, 0])
         for at, a, b, c, d in zip(self.instants, self.A, self.B, self.C, self.D, strict=True):
             rates = [sum((x * s for x, s in zip(row, state, strict=True)), held * e) for row, e in zip(a, b, strict=True)]
@@ -222,7 +224,7 @@ class Transition:
         """Instants in (0, horizon) at which `p = λᵀ g` crosses `level`, ascending [s]."""
         self._extend(horizon)
         edges = np.unique(np.minimum(np.concatenate([[0.0], self._ends]), horizon))
-        points = np.unique(np.concatenate([np.linspace(a, b, POINTS + 1) for a, b in zip(edges, edges[1:], strict=False)]))
+        points = np.unique(np.concatenate([np.linspace(a, b, POINTS + 1) for a, b in itertools.pairwise(edges)]))
 
         def p(s: Reals) -> Reals:
             return costate @ self.rows(s) - level
@@ -253,7 +255,7 @@ class Transition:
 def _linear(which: Sequence[Matrix], instants: Sequence[Fraction], after: int | None, begin: Fraction) -> tuple[arb_mat, arb_mat]:
     """Value and slope of matrices at `begin`, which is before instant number `after` (None: beyond the last)."""
     if after is None:
-        last = arb_mat([[arb(_rational(x)) for x in row] for row in which[-1]])
+        last = _long(which[-1])
         return last, arb_mat(last.nrows(), last.ncols())
     width = instants[after] - instants[after - 1]
     slope = [[(b - a) / width for a, b in zip(*rows, strict=True)] for rows in zip(which[after - 1], which[after], strict=True)]
@@ -261,7 +263,11 @@ def _linear(which: Sequence[Matrix], instants: Sequence[Fraction], after: int | 
         [a + s * (begin - instants[after - 1]) for a, s in zip(row, rises, strict=True)]
         for row, rises in zip(which[after - 1], slope, strict=True)
     ]
-    return tuple(arb_mat([[arb(_rational(x)) for x in row] for row in rows]) for rows in (value, slope))  # type: ignore[return-value]
+    return _long(value), _long(slope)
+
+
+def _long(matrix: Sequence[Sequence[Fraction]]) -> arb_mat:
+    return arb_mat([[arb(_rational(x)) for x in row] for row in matrix])
 
 
 def _convolved(series: Sequence[arb_mat], linear: tuple[arb_mat, arb_mat], k: int) -> arb_mat:
@@ -285,7 +291,7 @@ def _doubles(series: Sequence[arb_mat]) -> Reals:
     return np.array([[float(x.mid()) for x in coefficient.entries()] for coefficient in series]).T
 
 
-def _bisected(function, low: Reals, high: Reals) -> Reals:  # type: ignore[no-untyped-def]
+def _bisected(function: Callable[[Reals], Reals], low: Reals, high: Reals) -> Reals:
     """The root in each bracket, by halving."""
     if not len(low):
         return np.zeros(0)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any, cast
@@ -73,8 +74,8 @@ def varying_problem(plant: VaryingPlant, maneuver: Maneuver) -> Problem:
     for where, value in (("initial", maneuver.rest), ("final", final)):
         if not limits.lower <= value <= limits.upper:
             raise ManeuverError(
-                f"the input at the {where} rest is {float(value)!r}, outside the limits [{float(limits.lower)!r}, {float(limits.upper)!r}]: "
-                "the plant could not stay at rest there"
+                f"the input at the {where} rest is {float(value)!r}, outside the limits [{float(limits.lower)!r}, "
+                f"{float(limits.upper)!r}]: the plant could not stay at rest there"
             )
     if limits.fuel is not None and (held != 0 or not limits.fuel > 0):
         raise ManeuverError("a fuel budget is more than 0, and belongs to a plant that rests without input")
@@ -90,7 +91,10 @@ def varying_problem(plant: VaryingPlant, maneuver: Maneuver) -> Problem:
         TailSpace((), np.zeros((plant.order, 0)), upper, -lower),
         float(final),
         None if limits.fuel is None else float(limits.fuel),
-        notes=(*plant.notes, f"the plant varies until {float(plant.instants[-1]):.6g} s: its matrices are linear between the instants given"),
+        notes=(
+            *plant.notes,
+            f"the plant varies until {float(plant.instants[-1]):.6g} s, its matrices linear between the instants",
+        ),
         transition=transition,
     )
 
@@ -98,6 +102,11 @@ def varying_problem(plant: VaryingPlant, maneuver: Maneuver) -> Problem:
 def varying_time(problem: Problem, task: dict[str, Any], settings: Settings, near: float | None, begun: float) -> Bound:
     """Bracket the least maneuver time and prove both sides where that is possible; `near` is a guess at it [s]."""
     proof, found, count, trouble = Proof(), None, 0, None
+    if problem.fuel is not None:
+        with suppress(SolverError):
+            free = bracket(problem.eased, settings, near or _guess(problem, settings))
+            if free.command is not None and free.command.fuel(problem.rest) <= problem.fuel:  # enough: the proof is of the whole task
+                return varying_time(problem.eased, task, settings, free.upper, begun)
     for factor in FINER:
         try:
             looked = bracket(problem, settings.finer(factor), (found.upper if found else near) or _guess(problem, settings))

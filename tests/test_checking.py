@@ -180,7 +180,7 @@ MALFORMED: dict[str, Callable[[dict[str, Any]], Any]] = {
     "exactly": lambda data: data.pop("lower"),
     "certificate is an object of exactly": lambda data: data.update(extra=None),
     "certificate.format is one of": lambda data: data.update(format="slewcert-certificate/2"),
-    "task.plants is an array": lambda data: data["task"].update(plants=[]),
+    "a task has one plant, or one that varies": lambda data: data["task"].update(plants=[]),
     "array of 0 to 1": lambda data: data["task"]["plants"].append(data["task"]["plants"][0]),
     "displacement is not 0": lambda data: data["task"].update(displacement="0"),
     "limits ascend": lambda data: data["task"]["limits"].update(input=["1", "1"]),

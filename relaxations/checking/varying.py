@@ -1,10 +1,10 @@
-"""A plant that varies: x' = A(t) x + B(t) u, y = C(t) x + D(t) u, the matrices linear between the instants of a schedule, constant after them.
+"""A plant that varies: x' = A(t) x + B(t) u, y = C(t) x + D(t) u, every matrix linear between the instants of a schedule, then constant.
 
-Deviations v = u - u_ss from the final rest (x_ss, u_ss), a rest at every instant, satisfy `∫_0^T g v dt = x_ss` at T, with g = Φ(0, t) B(t) and
-the transition Φ (docs/theory.md, section 3). Both sides stand on an enclosure of Φ(0, t): over a step from t_0 on it is the power series
-Σ Y_k τ^k with `(k+1) Y_{k+1} = -(Y_k A_0 + Y_{k-1} A_1)`, cut off, and a ball around the rest. For weights w > 0 and |q| = Σ |q_i| w_i of a row q,
-|q A(t)| ≤ (a_0 + a_1 τ) |q|, so that `|Y_0| e^{a_0 τ + a_1 τ²/2}` has larger coefficients than |Y|, and those beyond K of any series with
-coefficients m_k ≥ 0 and the sum m(τ) add at most `ρ^{-K-1} m(ρ τ)` for ρ > 1.
+Deviations v = u - u_ss from the final rest (x_ss, u_ss), a rest at every instant, satisfy `∫_0^T g v dt = x_ss` where a move of T seconds
+ends, with g = Φ(0, t) B(t) and the transition Φ (docs/theory.md, section 3). Both sides stand on enclosures of Φ(0, t): over a step it is
+the series Σ Y_k τ^k with `(k+1) Y_{k+1} = -(Y_k A_0 + Y_{k-1} A_1)`, cut off, and a ball around the rest of it. With weights w > 0 and
+|q| = Σ |q_i| w_i of a row, |q A| ≤ (a_0 + a_1 τ) |q|, so that `|Y_0| e^{a_0 τ + a_1 τ²/2}` has coefficients that are no smaller than those
+of |Y|; and of a series with the sum m(τ) and coefficients m_k ≥ 0 those beyond K add at most `ρ^{-K-1} m(ρ τ)`, ρ > 1.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from types import SimpleNamespace
 from typing import Any
 
 import flint
@@ -28,7 +27,7 @@ SWEEPS = 60  # of the iteration for the weights
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """A power series in the time since the step's begin, cut off: what is left out of value and slope is in balls around 0 over the step."""
+    """A power series in the time since a step's begin, cut off: what is left out of value and slope is in balls around 0."""
 
     polynomial: arb_poly
     left: arb
@@ -129,8 +128,8 @@ def steps(schedule: Any, start: arb_mat, end: arb) -> Iterator[Step]:
         kept = (a_0 * far + a_1 * far * far / 2).exp() / arb(RATIO) ** (count + 1)
         sizes = [weighed(row, w) * kept for row in rows.tolist()]
         left = arb_mat(rows.nrows(), n, [arb(0, (size / w[j]).upper()) for size in sizes for j in range(n)])
-        b = largest([abs(x) / w[i] for i, x in enumerate(B.entries())]) + far * largest([abs(x) / w[i] for i, x in enumerate(growth.entries())])
-        yield Step(at, length, series, (B, growth), left, arb(0, (largest(sizes) * b).upper()))
+        b, more = (largest([abs(x) / w[i] for i, x in enumerate(column.entries())]) for column in (B, growth))
+        yield Step(at, length, series, (B, growth), left, arb(0, (largest(sizes) * (b + far * more)).upper()))
         rows, at = horner(series, arb(length)) + left, at + length
         if at >= end:
             return
@@ -184,10 +183,12 @@ def posed(task: Any) -> Varying:
 
 
 def lower_side(task: Varying, witness: Any, time: fmpq) -> None:
-    """Prove that no admissible command takes `time` or less: `λᵀ x_ss > ∫_0^time σ(λᵀ g) dt` (+ μ fuel); raises `Refuted` or `Undecided`."""
+    """Prove that no admissible command takes `time` or less: `λᵀ x_ss > ∫_0^time σ(λᵀ g) dt` (+ μ fuel); or raise."""
     chains = witness.costate[0]
     fine = not (witness.tail or witness.samples or witness.deflection or witness.ramps) and len(chains) == 1
-    require(fine and len(chains[0].coefficients) == len(task.state), "the costate of a plant that varies is one chain, a number for each state")
+    require(
+        fine and len(chains[0].coefficients) == len(task.state), "the costate of a plant that varies is one chain, a number for each state"
+    )
     numbers = [re for re, _ in chains[0].coefficients]
     gain = arb(sum((a * b for a, b in zip(numbers, task.state, strict=True)), fmpq(0)) - witness.fuel * (task.task.limits.fuel or 0))
     if not gain > 0:
@@ -210,10 +211,10 @@ def lower_side(task: Varying, witness: Any, time: fmpq) -> None:
 
 
 def upper_side(task: Varying, witness: Any, time: fmpq) -> None:
-    """Prove that an admissible command of at most `time` seconds exists: Krawczyk's test on `∫ g v = x_ss`; raises `Refuted` or `Undecided`."""
+    """Prove that an admissible command of at most `time` seconds exists, by Krawczyk's test on `∫ g v = x_ss`; or raise."""
     n, size = len(witness.segments), len(task.state)
     require(n > 0 and not witness.tail, "the command of a plant that varies has segments, and no tail")
-    command, unknowns = upper.as_written(SimpleNamespace(task=task.task, zeros=()), witness)
+    command, unknowns = upper.as_written(task.task, (), witness)
     last = largest([arb(x) for x in command[: n + 1]]) + 2 * arb(witness.radius).upper()
     motion = list(steps(task.task.schedule, arb_mat(size, size, 1), last))
     followed = arb(motion[-1].begin + motion[-1].length)
@@ -233,7 +234,9 @@ def upper_side(task: Varying, witness: Any, time: fmpq) -> None:
             spend(len(step.rows) * size)
             tau = inside(tau, arb(step.length))
             value = begun[i] + step.step(tau) if integrated else step.impulse(tau)
-            found = value if found is None else arb_mat(size, 1, [a.union(b) for a, b in zip(found.entries(), value.entries(), strict=True)])
+            found = (
+                value if found is None else arb_mat(size, 1, [a.union(b) for a, b in zip(found.entries(), value.entries(), strict=True)])
+            )
         assert found is not None
         return found
 
@@ -290,13 +293,14 @@ def sensible(task: Any) -> None:
     if task.schedule is None:
         return
     schedule, limits, n = task.schedule, task.limits, len(task.schedule.B[0])
-    count = len(schedule.instants)
+    A, B, C = schedule.A, schedule.B, schedule.C
     rising = schedule.instants[0] == 0 and all(a < b for a, b in pairwise(schedule.instants))
-    require(rising and all(len(x) == count for x in (schedule.A, schedule.B, schedule.C, schedule.D)), "instants ascend from 0, with matrices each")
-    square = all(len(a) == n and all(len(row) == n for row in a) for a in schedule.A) and all(len(b) == n for b in (*schedule.B, *schedule.C))
-    require(square, "A is n×n, B and C have n numbers at every instant")
-    others = (limits.deflection, limits.rate, limits.pulse_width, limits.pulses, limits.sample_time, limits.tail_length, limits.zero_sensitivity)
-    fine = task.rest == "state" and task.box is None and task.initial_state is None and not any(others)
+    require(rising, "the instants of a schedule ascend from 0")
+    same = all(len(x) == len(schedule.instants) for x in (A, B, C, schedule.D))
+    square = all(len(a) == n and all(len(row) == n for row in a) for a in A) and all(len(b) == n for b in (*B, *C))
+    require(same and square, "a schedule has A, B, C, D for every instant: A is n×n, B and C have n numbers")
+    others = (limits.deflection, limits.rate, limits.pulse_width, limits.pulses, limits.sample_time, limits.tail_length)
+    fine = task.rest == "state" and task.box is None and task.initial_state is None and not any((*others, limits.zero_sensitivity))
     require(fine, "a plant that varies comes to a rest of its state, within limits of its input and its fuel only")
 
 
