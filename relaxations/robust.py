@@ -55,7 +55,7 @@ def at_rest_at_once(posed: Problem) -> bool:
         return False
     box, none = posed.maneuver.box, (np.zeros(1), np.zeros(0))
     assert box is not None
-    return not _worst(posed, *none, 1.0)
+    return not worst_places(posed, *none, 1.0)
 
 
 def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, guess: float | None = None) -> Sampled:
@@ -90,7 +90,7 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
         if over := exceeded(posed, solution):
             looks, high = looks | over, math.inf  # with more conditions a time may be too short that was not before
         elif abs(math.log(max(solution.fraction, 1e-300))) <= 100 * tolerance:
-            worst = _worst(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 + EXCESS)
+            worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 + EXCESS)
             more = _with_samples(posed, [*_samples(posed), *worst])
             if len(_samples(more)) == len(_samples(posed)):
                 if close:
@@ -117,7 +117,7 @@ def within(found: Sampled, beyond: float, settings: Settings) -> tuple[Sampled, 
         if over := exceeded(posed, solution, 1.0 - inside / 2):
             looks |= over
             continue
-        worst = _worst(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
+        worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
         more = _with_samples(posed, [*_samples(posed), *worst])
         if len(_samples(more)) == len(_samples(posed)):
             return Sampled(posed, looks, solution, found.below, count + 1), not worst
@@ -127,7 +127,7 @@ def within(found: Sampled, beyond: float, settings: Settings) -> tuple[Sampled, 
 
 def further(posed: Problem, solution: GridSolution, inside: float) -> Problem | None:
     """The problem with samples at the places where a solution whose limits are tightened by `inside` is not; None if there are none."""
-    worst = _worst(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
+    worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
     more = _with_samples(posed, [*_samples(posed), *worst])
     return None if len(_samples(more)) == len(_samples(posed)) else more
 
@@ -163,7 +163,7 @@ def _looks_of(posed: Problem, more: Problem) -> Looks:
     return Looks(np.concatenate([np.zeros(0), *(begin + sample.looks() for begin, sample in new)]), np.zeros(0))
 
 
-def _worst(posed: Problem, instants: Reals, levels: Reals, factor: float) -> list[Place]:
+def worst_places(posed: Problem, instants: Reals, levels: Reals, factor: float) -> list[Place]:
     """The local maxima of the residual over the box that exceed `factor` times the tolerance, the worst ones."""
     box, residuals = posed.maneuver.box, posed.residuals
     assert box is not None

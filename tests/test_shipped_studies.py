@@ -30,7 +30,7 @@ MISSED = {
     "stirred_tanks": ("TANKS-001", "maneuver_time"),
     "thrusters": ("THRUST-003", "maneuver_time"),
     "two_mass": ("SLEW-001", "residual_vibration"),
-    "two_mass_box": ("BOX-001", "residual_vibration"),
+    "two_mass_further_zero": ("ZERO-001", "residual_vibration"),
     "two_mass_fuel": ("FUEL-001", "fuel"),
     "two_mass_rate": ("RATE-001", "peak_rate"),
     "two_mass_speed_limit": ("SPEED-001", "peak(velocity_2)"),
