@@ -79,7 +79,11 @@ def _along(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value], instant
                     raise PlantError(f"the states of {name} change while it moves")
                 late = abs(one.settled - fmu.settle - float(instant))
                 if late > 1e-9 * max(1.0, float(instant)):
-                    raise PlantError(f"{float(instant):.9g} s is no communication point of {name}; it is followed in steps of its own")
+                    following = one.settled - fmu.settle
+                    raise PlantError(
+                        f"{float(instant):.9g} s is no communication point of {name}: the next one is at {following:.9g} s (simulation.step "
+                        "chooses another step)"
+                    )
                 found.append(one)
     except FmuError as problem:
         raise PlantError(f"{name} cannot be linearised along its motion: {problem}") from None

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from flint import arb, arb_mat
 from forgery import changed, forged, number, opened, written
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 from scipy.special import airy
 from varying_plants import GROWING, crane, landed, posed, random_plant, reaches, rest
 
@@ -55,7 +55,7 @@ def proven(asked: Problem, gap: float = REGULAR) -> tuple[Bound, Command, bytes]
         (STIFF_A, STIFF_B, STIFF_C, "-0.5", Limits.of(-1, "0.25")),
     ],
 )
-def test_a_constant_schedule_is_the_constant_plant(A, B, C, displacement, limits) -> None:  # type: ignore[no-untyped-def]
+def test_a_constant_schedule_is_the_constant_plant(A, B, C, displacement, limits) -> None:
     maneuver = Maneuver(exact(displacement), limits)
     constant = minimum_time(problem([LinearPlant.from_state_space(A, B, C)], maneuver))
     for instants in ([0], [0, "0.3", 1, 100]):
@@ -78,7 +78,7 @@ def growing_time(displacement: float) -> tuple[float, float]:
     def switch(T: float) -> float:
         return float(np.sqrt(1 + (T + T * T / 2)) - 1)
 
-    time = float(brentq(lambda T: m(T) - 2 * m(switch(T)) - displacement, 0.1, 2.0, xtol=1e-15))
+    time = float(root_scalar(lambda T: m(T) - 2 * m(switch(T)) - displacement, bracket=(0.1, 2.0), xtol=1e-15).root)
     return time, switch(time)
 
 
