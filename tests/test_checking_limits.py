@@ -199,3 +199,75 @@ def test_a_changed_budget_changes_the_claim() -> None:
         content, lambda data: (data["task"]["limits"].update(fuel=None), data["claim"].update(lower=None), data["lower"].update(fuel="0"))
     )
     assert check(free).outcome is Outcome.PROVED  # true, about another task
+
+
+# Commands in fractions alone: a minimum that is a whole number of samples. Δ = 1, |u| ≤ 1, h = 0.1: u = 1 until 1, -1 until 2.
+
+
+@pytest.mark.parametrize(
+    ("where", "value"),
+    [
+        (("upper", "segments", 1, "start"), "1.1"),
+        (("upper", "segments", 1, "level"), "-0.9"),
+        (("upper", "segments", 0, "level"), "0.9"),
+        (("upper", "maneuver_time"), "1.9"),
+        (("task", "displacement"), "0.9"),
+        (("task", "plants", 0, "numerator"), ["2"]),
+    ],
+)
+def test_what_is_written_without_unknowns_lands_exactly_or_not(where: Path, value: object) -> None:
+    assert opened(proven_limited("exact"))["upper"]["free"] == []
+    data = opened(altered("exact", where, value))
+    data["claim"]["lower"] = data["lower"] = None
+    assert check(forged(data)).outcome is Outcome.REFUTED
+
+
+def exact(order: int, segments: list[tuple[str, str]], time: str, displacement: str = "1") -> Outcome:
+    """Of a command of whole numbers for 1/s^order."""
+    posed = task(["1"], ["1", *["0"] * order], displacement, sample_time="1", limits=("-9", "9"))
+    return check(certificate(posed, upper=time, witnesses=(None, command(time, segments, [])))).outcome
+
+
+def test_commands_of_whole_numbers() -> None:
+    assert exact(1, [("0", "1")], "1") is Outcome.PROVED
+    assert exact(1, [("0", "1")], "1", "2") is Outcome.REFUTED
+    assert exact(1, [("0", "2"), ("1", "0"), ("3", "-1")], "4") is Outcome.PROVED
+    assert exact(3, [("0", "1"), ("1", "-2"), ("2", "1")], "3", "1") is Outcome.PROVED
+    assert exact(3, [("0", "1"), ("1", "-2"), ("2", "1")], "3", "2") is Outcome.REFUTED
+    assert exact(3, [("0", "1"), ("1", "-1"), ("3", "1")], "4", "2") is Outcome.PROVED
+    for wrong in ("1", "4", "-2"):
+        assert exact(3, [("0", "1"), ("1", "-1"), ("3", "1")], "4", wrong) is Outcome.REFUTED
+    for wrong in ([("0", "1"), ("1", "-1"), ("2", "1")], [("0", "1"), ("2", "-1"), ("3", "1")], [("0", "2"), ("1", "-2"), ("3", "2")]):
+        assert exact(3, wrong, "4", "2") is Outcome.REFUTED
+
+
+def test_the_claim_in_words_with_every_limit() -> None:
+    speed = {"outputs": {"speed": ["1", "0"]}, "deflection": {"speed": "8"}}
+    slopes = "  u is continuous from its first rest to its last, and its slope stays in [-6, 7]."
+    outputs = "  The output 'speed', numerator [1, 0], never leaves its first rest value by more than 8."
+    for others, line in (({"rate": ["-6", "7"]}, slopes), (speed, outputs)):
+        posed = task(["1"], ["1", "0", "0"], "2", limits=("-3", "4"), fuel="5", **others)
+        move = command("9", [("0", "0"), ("1", "1"), ("2", "1")], [["level", 1, 0], ["level", 2, 0]])
+        said = claim(check(certificate(posed, upper="9", witnesses=(None, move))))
+        assert said.splitlines() == [
+            "Plant (highest power of s first):",
+            "  numerator    [1]",
+            "  denominator  [1, 0, 0]",
+            "Task: from rest at input 0 move the output by 2; "
+            "the state (of a controllable realisation) stays at rest from T on (state rest).",
+            "Limits: -3 ≤ u(t) ≤ 4 for all t ≥ 0.",
+            "  The fuel ∫|u(t) - 0| dt of the move, from 0 to T, is at most 5.",
+            line,
+            "Not proven: one does it in at most 9 s.",
+        ]
+    for limits, words in (
+        ({"pulse_width": "2"}, "of at least 2 s. The"),
+        ({"pulses": 3}, "of any width, at most 3 of them. The"),
+        ({"pulse_width": "2", "pulses": 3}, "of at least 2 s, at most 3 of them. The"),
+    ):
+        pulsed = task(["1"], ["1", "0", "0"], **limits)
+        *_, thrusters, widths, _ = claim(
+            check(certificate(pulsed, upper="9", witnesses=(None, command("9", [("0", "1")], []))))
+        ).splitlines()
+        assert thrusters == "  Thrusters: until T, u is -1, 1 or 0, in pulses (constant pieces other than that)"
+        assert widths == f"  {words} lower side is that of all inputs in the limits."
