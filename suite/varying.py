@@ -81,8 +81,8 @@ def _along(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value], instant
                 if late > 1e-9 * max(1.0, float(instant)):
                     following = one.settled - fmu.settle
                     raise PlantError(
-                        f"{float(instant):.9g} s is no communication point of {name}: the next one is at {following:.9g} s (simulation.step "
-                        "chooses another step)"
+                        f"{float(instant):.9g} s is no communication point of {name}: the next one is at {following:.9g} s "
+                        "(simulation.step chooses another step)"
                     )
                 found.append(one)
     except FmuError as problem:

@@ -25,7 +25,7 @@ GAIN = (SHIPPED.parent / "problems" / "varying_gain.toml").read_text(encoding="u
 CRANE = (SHIPPED / "gantry_crane_varying.toml").read_text(encoding="utf-8")
 
 
-def study(folder: Path, text: str):  # type: ignore[no-untyped-def]
+def study(folder: Path, text: str):
     (folder / "study.toml").write_text(text, encoding="utf-8")
     return load_study(folder / "study.toml")
 

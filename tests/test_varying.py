@@ -189,7 +189,7 @@ def test_what_the_claim_says() -> None:
 # Lies.
 
 
-def outcome(content: bytes, change) -> Outcome:  # type: ignore[no-untyped-def]
+def outcome(content: bytes, change) -> Outcome:
     return check(changed(content, change)).outcome
 
 
@@ -256,7 +256,7 @@ def test_random_corruption_of_a_schedule_never_proves_a_falsehood(seed: int) -> 
     places: list[tuple[object, object]] = []
 
     def walk(node: object) -> None:
-        for key in list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ():  # type: ignore[arg-type]
+        for key in list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ():
             value = node[key]  # type: ignore[index]
             if isinstance(value, str):
                 try:
