@@ -17,7 +17,7 @@ may make a task impossible too: where the pole is 0, and there is no tail, m = �
 from __future__ import annotations
 
 from itertools import accumulate
-from typing import Any, Protocol
+from typing import Any
 
 import flint
 from flint import acb, arb, arb_mat, fmpq
@@ -68,20 +68,8 @@ def costate(system: System, witness: Any) -> tuple[arb_mat, arb]:
     return moved, price + sum((cap * abs(acb(*(excess[place, 0] for place in places))) for places, cap in capped), arb(0))
 
 
-class Curve(Protocol):
-    """What a costate is over a piece of time, from its begin on: a `Wave`, say."""
-
-    def over(self, a: arb, b: arb) -> tuple[arb, arb, arb, arb]:
-        """The middle of [a, b], the value there, and balls around slope and value on all of it."""
-        ...
-
-    def integral(self, s: arb) -> arb:
-        """From 0 to s."""
-        ...
-
-
-def support(p: Curve, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
-    """A ball around `∫_0^horizon max(upper p, lower p) ds` for an exact horizon and lower ≤ 0 ≤ upper.
+def support(p: Any, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
+    """A ball around `∫_0^horizon max(upper p, lower p) ds` for an exact horizon and lower ≤ 0 ≤ upper; p is a `Wave`, or a series.
 
     From the left, intervals are bisected until p has a sign, or is monotone: interval Newton then encloses its root. Where the integrand
     is smaller than `fine` it counts as a radius instead. Raises `Undecided` where p is not known that well.
