@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import Any
 
 import pytest
 from forgery import certificate, changed, command, costate, forged, number, opened, proven, proven_limited, task, written
@@ -15,7 +16,7 @@ Path = tuple[str | int, ...]
 def altered(name: str, where: Path, value: object) -> bytes:
     """The certificate of that name with one value changed, signed again."""
     data = opened(proven_limited(name))
-    place = data
+    place: Any = data
     for step in where[:-1]:
         place = place[step]
     place[where[-1]] = value
@@ -265,7 +266,7 @@ def test_the_claim_in_words_with_every_limit() -> None:
         ({"pulses": 3}, "of any width, at most 3 of them. The"),
         ({"pulse_width": "2", "pulses": 3}, "of at least 2 s, at most 3 of them. The"),
     ):
-        pulsed = task(["1"], ["1", "0", "0"], **limits)
+        pulsed = task(["1"], ["1", "0", "0"], "1", **limits)
         *_, thrusters, widths, _ = claim(
             check(certificate(pulsed, upper="9", witnesses=(None, command("9", [("0", "1")], []))))
         ).splitlines()
