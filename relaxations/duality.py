@@ -47,6 +47,8 @@ def costate_roots(problem: Problem, costate: Reals, horizon: float, level: float
     Two roots between neighbouring samples enclose an extremum of p, so the extrema on the near side of zero are samples too: a pair that is
     missed would make the lower bound too long.
     """
+    if problem.transition is not None:
+        return problem.transition.crossings(costate, horizon, level)
     grid = _samples(problem, horizon)
     table, change = problem.rows(grid), problem.derivative(costate)
     values, slopes = costate @ table - level, change @ table

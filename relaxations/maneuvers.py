@@ -24,6 +24,7 @@ from relaxations.plants import Exact, LinearPlant, Pole, exact, roots
 from relaxations.ramps import hats, rate_of
 from relaxations.residuals import Residuals, Sample
 from relaxations.tails import TailLength, TailSpace, caps, tail_columns
+from relaxations.transitions import Transition
 
 Reals = NDArray[np.float64]
 
@@ -120,6 +121,7 @@ class Problem:
     begin: Reals | None = None  # moments of an initial state
     notes: tuple[str, ...] = field(default=())
     frame: Frame | None = None
+    transition: Transition | None = None  # of a plant that varies (`relaxations.varying`): t then stands where time to go does
 
     @property
     def bang_bang(self) -> bool:

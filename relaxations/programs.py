@@ -366,18 +366,20 @@ class ConeSolution:
     multipliers: NDArray[np.complex128]
 
 
-def closest(columns: NDArray[np.complex128], radii: Reals) -> ConeSolution:
+def closest(columns: NDArray[np.complex128], radii: Reals, negative: float = 0.0) -> ConeSolution:
     """Minimise r subject to `|Z x|_i ≤ radii_i + r`, `Σ x = 1`, x ≥ 0, for complex columns Z (k, N): a second-order cone program.
 
-    The multipliers are scaled to Σ|y| = 1 and turned so that `Re(ȳᵀ Z)_n ≥ λ` for all n and `r = λ - Σ |y| radii`. Raises `SolverError`.
+    With `negative` > 0 the negative parts of x may sum to that much in size. The multipliers are scaled to Σ|y| = 1 and turned so that for
+    q = Re(ȳᵀ Z) and N = `negative` `r = (1 + N) min q - N max q - Σ |y| radii`, λ = min q. Raises `SolverError`.
     """
     import cvxpy as cp
     from cvxpy.error import SolverError as NotSolvedError
 
     x, r = cp.Variable(columns.shape[1]), cp.Variable()
+    below: Any = cp.Variable(columns.shape[1], nonneg=True) if negative else 0
     reached = cp.vstack([columns.real @ x, columns.imag @ x])
     circles = cp.SOC(radii + r, reached, axis=0)
-    limits: list[Any] = [circles, cp.sum(x) == 1, x >= 0]
+    limits: list[Any] = [circles, cp.sum(x) == 1, x + below >= 0, *([cp.sum(below) <= negative] if negative else [])]
     program = cp.Problem(cp.Minimize(r), limits)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # as above: judged by what is used of it
@@ -395,4 +397,4 @@ def closest(columns: NDArray[np.complex128], radii: Reals) -> ConeSolution:
     turned = (multipliers.conj() @ columns).real
     if float(turned @ x.value) < 0.0:
         multipliers, turned = -multipliers, -turned
-    return ConeSolution(np.maximum(x.value, 0.0), float(r.value), float(turned.min()), multipliers)
+    return ConeSolution(x.value if negative else np.maximum(x.value, 0.0), float(r.value), float(turned.min()), multipliers)

@@ -44,6 +44,7 @@ from relaxations.robust_proofs import robust_time
 from relaxations.sampling import sampled_bracket
 from relaxations.sides import RADII, Proof, Side, accepted, concluded, instant_proof, landed, lower_side, rounded
 from relaxations.thrusters import Pulsed, admissible, pulsed_commands
+from relaxations.varying import varying_time
 
 Reals = NDArray[np.float64]
 
@@ -73,6 +74,8 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
     """
     begun, chosen = time.perf_counter(), settings or Settings()
     task = certificates.task(problem)
+    if problem.transition is not None:
+        return varying_time(problem, task, chosen, near, begun)
     for form, witness in _impossible(problem):
         content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, witness, None)
         if check(content).outcome is Outcome.PROVED:

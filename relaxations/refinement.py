@@ -251,7 +251,7 @@ class _State:
         matrix[moments, :m], matrix[moments, m] = b * jumps[:-1], end * jumps[-1]
         matrix[moments, tail] = -columns
         values[roots], sizes[roots] = costate @ b, np.abs(costate) @ np.abs(b)
-        matrix[roots, :m], matrix[roots, lam] = np.diag(problem.derivative(costate[: problem.size]) @ whole[:, :-1]), b.T
+        matrix[roots, :m], matrix[roots, lam] = np.diag(self._turning(costate[: problem.size], s, whole[:, :-1])), b.T
         values[tails] = costate @ columns + prices @ shapes
         sizes[tails] = np.abs(costate) @ np.abs(columns) + np.abs(prices) @ np.abs(shapes)
         matrix[tails, lam], matrix[tails, mu], matrix[tails, end_mu:] = columns.T, shapes.T, (prices[:, None] * slopes)[moving].T
@@ -268,6 +268,11 @@ class _State:
         sizes[sizes == 0.0] = 1.0
         values /= sizes
         return values, matrix / sizes[:, None], float(np.abs(np.concatenate([values[moments], values[touching]])).max())
+
+    def _turning(self, costate: Reals, s: Reals, rows: Reals) -> Reals:
+        """p' at the switches, where b has these rows."""
+        transition = self.problem.transition
+        return self.problem.derivative(costate) @ rows if transition is None else costate @ transition.slopes(s)
 
     def _with_fuel(self, rows: Reals, share: float | Reals) -> Reals:
         """Rows of the moments, and the one of the fuel if there is a budget."""

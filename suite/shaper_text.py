@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR
 from typing import TYPE_CHECKING, Any
 
-from relaxations.deflection import deflection
 from suite.rounding import outward
 
 if TYPE_CHECKING:
@@ -28,9 +27,10 @@ def shaper_lines(done: Shaping) -> Iterator[str]:
     yield f"duration: {done.shaper.duration!r} s"
     if done.least:
         yield f"least duration of {done.least.among}: {done.least.duration!r} s: proved"
-    if request.deflection is not None:
-        largest = max(deflection(done.shaper, mode) for mode in request.modes)
-        yield f"largest deflection from the shaped step: {largest:.4f} of that under an unshaped one (measured)"
+    else:
+        yield "least duration: none was proven"
+    if done.deflection is not None:
+        yield f"largest deflection from the shaped step: {_interval(done.deflection)} of that under an unshaped one: proved"
     yield f"insensitivity at {100 * request.tolerance:g} %: {done.insensitivity:.6f} of the frequency (measured)"
     low, high = done.damping or (None, None)
     damping = "" if low is None else f", damping {low:g} to {high:g}"

@@ -14,6 +14,7 @@ from relaxations.checking.worst import Worst, worst_residual
 from relaxations.errors import RelaxationsError, ShaperError
 from relaxations.insensitive import Band
 from relaxations.sensitivity import insensitivity
+from relaxations.shaper_deflection import deflection
 from relaxations.shaper_kinds import BAND, KINDS, TOLERANCE, Least, Request, find, make, mistakes
 from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper
@@ -61,7 +62,10 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class Shaping:
-    """The answer: the shaper, its least duration if known, its insensitivity at the tolerance, its proven worst residual over each band."""
+    """The answer: the shaper, its least duration if known, its insensitivity at the tolerance, its proven worst residual over each band.
+
+    `deflection`: the largest one from the shaped step lies between these, where it was to be limited.
+    """
 
     kind: str
     request: Request
@@ -71,6 +75,7 @@ class Shaping:
     reaches: tuple[Reach, ...]
     damping: tuple[float, float] | None
     decay: Measured | None = None
+    deflection: tuple[float, float] | None = None
 
     @property
     def worst(self) -> tuple[float, float]:
@@ -84,7 +89,12 @@ class Shaping:
 
     def to_dict(self) -> dict[str, Any]:
         """The object of `shaper --json` (docs/schemas.md)."""
-        least, at = self.least and {"lower": self.least.duration, "among": self.least.among}, self.worst_reach
+        at = self.worst_reach
+        least = self.least and {
+            "lower": self.least.duration,
+            "among": self.least.among,
+            "zeros": [{"frequency": zero.frequency, "damping": zero.damping} for zero in self.least.zeros],
+        }
         whole = self.shaper.to_dict()
         return {
             "kind": self.kind,
@@ -97,6 +107,7 @@ class Shaping:
             "duration": self.shaper.duration,
             "least_duration": least,
             "insensitivity": {f"{self.request.tolerance:g}": self.insensitivity},
+            "deflection": None if self.deflection is None else list(self.deflection),
             "worst_residual": list(self.worst),
             "worst_at": {"mode": at.mode, "frequency": at.worst.frequency, "damping": at.worst.damping},
             "bands": [
@@ -140,7 +151,11 @@ def assess(kind: str, request: Request, damping: tuple[float, float] | None = No
         worst = worst_residual(*exact, *box, relative=PROVEN, absolute=PROVEN, order=order)
         found.append(Reach(number + 1, band, worst))
     width = min(insensitivity(times, amplitudes, mode.frequency, mode.damping, request.tolerance, order) for mode in request.modes)
-    return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping)
+    strays = None
+    if request.deflection is not None:
+        each = [deflection(made.shaper, mode) for mode in request.modes]
+        strays = max(one.lower for one in each), max(one.upper for one in each)
+    return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping, deflection=strays)
 
 
 def _request(asked: Asked, known: tuple[Mode, ...]) -> tuple[Request, tuple[float, float] | None]:

@@ -145,6 +145,7 @@ def task(numerator: list[str], denominator: list[str], displacement: str = "1", 
     plant = {"numerator": numerator, "denominator": denominator, "outputs": others.pop("outputs", {}), "zeros": others.pop("zeros", {})}
     return {
         "plants": [plant],
+        "schedule": None,
         "box": None,
         "displacement": displacement,
         "initial_state": None,

@@ -68,8 +68,8 @@ def costate(system: System, witness: Any) -> tuple[arb_mat, arb]:
     return moved, price + sum((cap * abs(acb(*(excess[place, 0] for place in places))) for places, cap in capped), arb(0))
 
 
-def support(p: Wave, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
-    """A ball around `∫_0^horizon max(upper p, lower p) ds` for an exact horizon and lower ≤ 0 ≤ upper.
+def support(p: Any, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
+    """A ball around `∫_0^horizon max(upper p, lower p) ds` for an exact horizon and lower ≤ 0 ≤ upper; p is a `Wave`, or a series.
 
     From the left, intervals are bisected until p has a sign, or is monotone: interval Newton then encloses its root. Where the integrand
     is smaller than `fine` it counts as a radius instead. Raises `Undecided` where p is not known that well.
