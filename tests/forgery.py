@@ -57,6 +57,7 @@ LIMITED: dict[str, Callable[[], Problem]] = {
     "sampled": lambda: _limited([2, 0, 4, 0, 0], "5", sample_time=Fraction(1, 4)),
     "exact": lambda: _limited([1, 0, 0], "1", sample_time=Fraction(1, 10)),
     "started": lambda: _limited([1, 0, 1], "1/4", start=(5, 3)),
+    "braked": lambda: _limited([1, "0.3", 4], "1/10", start=(2, -1)),
     "pulsed": lambda: _limited([1, 0, 0], "1", pulse_width=Fraction(11, 10)),
     "speed": lambda: _limited([1, 0, 0], "1", speed="0.5"),
 }
