@@ -98,7 +98,8 @@ class GridSolution:
     @property
     def tail_multipliers(self) -> tuple[tuple[float, float, float], ...]:
         """(instant after the move [s], μ⁺, μ⁻) wherever one is not zero."""
-        triples = zip(self.program.looks, self.mu_above, self.mu_below, strict=False)  # those of the caps come after
+        own = np.count_nonzero(self.program.aspect == 0)  # those of its other aspects and of the caps come after
+        triples = zip(self.program.looks[:own], self.mu_above, self.mu_below, strict=False)
         return tuple((float(t), float(above), float(below)) for t, above, below in triples if above > 0.0 or below > 0.0)
 
     def price(self, problem: Problem) -> float:
@@ -167,7 +168,13 @@ def _stated(
         end = cp.hstack([fraction * named["end"]])
         steps = cp.hstack([levels, end])[:count] - cp.hstack([0.0, levels])[:count]
         named |= {"up": steps <= named["rising"], "down": steps >= named["falling"]}
-        limits += [named["up"], named["down"], *([levels[-1:] == end] if slope is Slope.RAMPS else [])]
+        limits += [named["up"], named["down"]]
+        if slope is Slope.RAMPS:
+            if coefficients:
+                named["begins"] = cp.Parameter(coefficients)
+                end = end + cp.hstack([named["begins"] @ named["tail"]])
+            named["landing"] = levels[-1:] == end
+            limits.append(named["landing"])
     if motion is not None:
         count, past = len(motion.places), motion.unknowns
         named |= {"half": cp.Parameter(), "risen": cp.Parameter(count), "over": cp.Parameter(count), "under": cp.Parameter(count)}
@@ -212,6 +219,8 @@ def solve(program: GridProgram) -> GridSolution:
         step = program.problem.maneuver.sample_time
         steps = np.diff(program.instants) / half if step is None else np.full(cells + 1, float(step) / half)
         values |= {"rising": rate[1] * steps, "falling": rate[0] * steps, "end": program.problem.hold / length}
+        if coefficients and slope is Slope.RAMPS:
+            values["begins"] = program.problem.tail.rows(np.zeros(1))[0] * unit
         if fuel is not None and step is None:  # nodes carry half of either cell
             values["widths"] = (values["widths"] + np.append(values["widths"][1:], 0.0)) / 2
     if motion is not None:
@@ -242,7 +251,12 @@ def solve(program: GridProgram) -> GridSolution:
     if wrong:
         multiplier = -multiplier
     k = len(program.looks)
-    pull = program.columns.T @ multiplier + program.shapes[:k].T @ (prices[0] - prices[1])[:k]
+    pull, landing = program.columns.T @ multiplier + program.shapes[:k].T @ (prices[0] - prices[1])[:k], 0.0
+    if coefficients and slope is Slope.RAMPS:
+        begins, value = program.problem.tail.rows(np.zeros(1))[0], float(compiled["landing"].dual_value[0])
+        free = np.setdiff1d(np.arange(coefficients), [at for places in program.capped for at in places]) if program.capped else slice(None)
+        landing = min(value, -value, key=lambda q: float(np.linalg.norm((pull + q * begins)[free])))
+        pull = pull + landing * begins
     bent = [np.maximum(compiled[name].dual_value, 0.0) for name in ("bent", "unbent")] if motion is not None else []
     held = half * (bent[0] - bent[1]) if motion is not None else np.zeros(0)
     risen = float(held @ (motion.finals - motion.free)) if motion is not None else 0.0
@@ -259,11 +273,21 @@ def solve(program: GridProgram) -> GridSolution:
         prices[1] / scale,
         pull / scale,
         status,
-        _prices(program, levels, compiled, held / scale, slope, width, scale),
+        _prices(program, levels, compiled, held / scale, slope, width, scale, prices, landing),
     )
 
 
-def _prices(program: GridProgram, levels: Reals, compiled: dict[str, Any], held: Reals, slope: Slope, width: float, scale: float) -> Prices:
+def _prices(
+    program: GridProgram,
+    levels: Reals,
+    compiled: dict[str, Any],
+    held: Reals,
+    slope: Slope,
+    width: float,
+    scale: float,
+    tail: list[Reals],
+    landing: float,
+) -> Prices:
     """What the solver says of the limits that do not scale with α."""
     posed, motion = program.problem, program.motion
     fuel = 0.0 if posed.fuel is None else max(float(compiled["budget"].dual_value), 0.0) / (width * scale)
@@ -271,7 +295,11 @@ def _prices(program: GridProgram, levels: Reals, compiled: dict[str, Any], held:
     pressed = presses(posed.courses, motion.places, held, program.instants, spread) if motion is not None else ()
     ramps = priced(program.instants, levels, posed.rate, fuel) if posed.rate and slope is Slope.RAMPS else ()
     up, down = (np.maximum(compiled[name].dual_value, 0.0) for name in ("up", "down")) if slope is Slope.STEPS else (np.zeros(0),) * 2
-    return Prices(fuel, pressed, ramps, tuple(float(x) for x in (up - down)[::-1] / scale))
+    steps = (landing / scale,) if landing and ramps and ramps[0].edges[0] == 0.0 else tuple(float(x) for x in (up - down)[::-1] / scale)
+    names = [None, *(aspect.name for aspect in posed.tail.aspects)]
+    own = [(i, program.unit[i] / scale) for i in np.flatnonzero(program.aspect)] if posed.tail.aspects else []
+    after = ((names[program.aspect[i]], float(program.looks[i]), float(tail[0][i] * u), float(tail[1][i] * u)) for i, u in own)
+    return Prices(fuel, pressed, ramps, steps, tuple(one for one in after if one[2] > 0.0 or one[3] > 0.0))
 
 
 @dataclass(frozen=True, slots=True)

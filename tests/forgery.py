@@ -172,6 +172,7 @@ def costate(
     deflection: Any = (),
     ramps: Any = (),
     steps: Any = (),
+    after: Any = (),
 ) -> dict[str, Any]:
     """A lower side's witness."""
     written_chains = [{"near": list(near), "coefficients": [list(c) for c in coefficients]} for near, coefficients in chains]
@@ -179,6 +180,7 @@ def costate(
         "costate": [written_chains],
         "tail": list(tail),
         "samples": [],
+        "after": list(after),
         "fuel": fuel,
         "deflection": list(deflection),
         "ramps": list(ramps),
