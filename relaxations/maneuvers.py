@@ -334,8 +334,11 @@ def _aspects(plant: LinearPlant, zeros: Sequence[Pole], courses: Sequence[Course
     if not zeros:
         return ()
     slope = [Aspect(None, turning(zeros, sloping), rate[1], -rate[0])] if rate else []
+    seen = [
+        one for one in courses if plant.numerators[one.name] % plant.numerators[plant.output]
+    ]  # not the controlled output's derivatives
     outputs = [
-        Aspect(one.name, turning(zeros, partial(passed, plant, one.name)), one.limit - one.final, one.limit + one.final) for one in courses
+        Aspect(one.name, turning(zeros, partial(passed, plant, one.name)), one.limit - one.final, one.limit + one.final) for one in seen
     ]
     return (*slope, *outputs)
 

@@ -30,11 +30,10 @@ class GridProgram:
 
     `instants` (N + 1,) of the grid [s] from 0 to the maneuver time, `rows` (m, N) orthonormal, `target` (m,), `basis_change` R with
     rows = R^{-T} · table, limits in input units; of the tail `columns` (m, n) in the same rows, and its limits `shapes` (k, n) with the
-    room `above` and `below` (k,): at the instants `looks` [s] after the move first, of the input and then of its other aspects (`aspect`, 0 the
-    input, each measured in its `unit`), then the faces of its caps, of these `bounds` at the
-    places `capped` of its coefficients. The courses of the move (`motion`) are limited
-    to 1 on either side of zero at α = 1, where they come to rest at `finals`, and to what is left of that beside `α finals` else. All
-    limits but the input's are tightened by the fraction `inside`.
+    room `above` and `below` (k,): at the instants `looks` [s] after the move first, of the input and then of its other aspects (`aspect`,
+    0 the input, each measured in its `unit`), then the faces of its caps, of these `bounds` at the places `capped` of its coefficients. The
+    courses of the move (`motion`) are limited to 1 on either side of zero at α = 1, where they come to rest at `finals`, and to what is
+    left of that beside `α finals` else. All limits but the input's are tightened by the fraction `inside`.
     """
 
     problem: Problem
@@ -90,7 +89,7 @@ def build(problem: Problem, instants: Reals, looks: Looks | None = None, inside:
     sides, units = [(above, below)], [1.0]
     count, half = len(at.instants), (problem.upper - problem.lower) / 2
     above, below = above[:count], below[:count]
-    for number, one in enumerate(tail.aspects, 1):
+    for one in tail.aspects:
         units.append(half / max(one.above, one.below))
         shapes.append(units[-1] * shapes[0] @ one.turned)
         rooms = [np.full(count, units[-1] * side * (1.0 - inside)) for side in (one.above, one.below)]

@@ -245,22 +245,27 @@ def solve(program: GridProgram) -> GridSolution:
     prices = (
         [np.maximum(np.asarray(compiled[name].dual_value), 0.0) for name in ("ceiling", "floor")] if coefficients else [np.zeros(looks)] * 2
     )
-    wrong = float(multiplier @ program.target) < 0.0
-    if program.problem.residuals is not None:  # their limits may pay instead: the sign is then the one that they balance, for z is free
-        wrong = float((program.columns.T @ multiplier) @ (program.shapes.T @ (prices[0] - prices[1]))) > 0.0
-    if wrong:
-        multiplier = -multiplier
-    k = len(program.looks)
-    pull, landing = program.columns.T @ multiplier + program.shapes[:k].T @ (prices[0] - prices[1])[:k], 0.0
-    if coefficients and slope is Slope.RAMPS:
-        begins, value = program.problem.tail.rows(np.zeros(1))[0], float(compiled["landing"].dual_value[0])
-        free = np.setdiff1d(np.arange(coefficients), [at for places in program.capped for at in places]) if program.capped else slice(None)
-        landing = min(value, -value, key=lambda q: float(np.linalg.norm((pull + q * begins)[free])))
-        pull = pull + landing * begins
     bent = [np.maximum(compiled[name].dual_value, 0.0) for name in ("bent", "unbent")] if motion is not None else []
     held = half * (bent[0] - bent[1]) if motion is not None else np.zeros(0)
     risen = float(held @ (motion.finals - motion.free)) if motion is not None else 0.0
-    scale = float(multiplier @ program.target) - _price(program, prices[0], prices[1], pull) - risen
+    ends = {Slope.FREE: [0.0], Slope.RAMPS: [1.0, -1.0], Slope.STEPS: [1.0]}[slope]  # the multiplier of where the input has to end
+    if slope is Slope.RAMPS:
+        ends = [sign * float(compiled["landing"].dual_value[0]) for sign in ends]
+    elif slope is Slope.STEPS:
+        ends = [max(float(compiled["up"].dual_value[-1]), 0.0) - max(float(compiled["down"].dual_value[-1]), 0.0)]
+    signs = [(sign * multiplier, end) for sign in (1.0, -1.0) for end in ends]
+    if program.problem.residuals is not None:  # their limits may pay instead: the sign is then the one that they balance, for z is free
+        balance = float((program.columns.T @ multiplier) @ (program.shapes.T @ (prices[0] - prices[1])))
+        signs = [(-multiplier if balance > 0.0 else multiplier, ends[0])]
+    turned = [_Turned.of(program, prices, *sign, risen, length) for sign in signs]
+    best = min(turned, key=lambda one: one.off)
+    multiplier, landing, pull, scale = best.multiplier, best.landing, best.pull, best.scale
+    if slope is Slope.RAMPS and coefficients and not _ends_on_a_ramp(program, levels):
+        # Where the slope is not on a limit q is 0: what is left of it, half a cell's worth, is the limit's that the tail begins on.
+        at = int(np.argmin(program.looks[program.aspect == 0]))
+        kept = max(prices[0][at] + landing, 0.0)
+        prices[1][at], prices[0][at] = prices[1][at] - min(prices[0][at] + landing, 0.0), kept
+        landing = 0.0
     if scale <= 0.0:
         raise SolverError(f"the multipliers at T = {program.maneuver_time!r} s vanish on the target")
     return GridSolution(
@@ -300,6 +305,36 @@ def _prices(
     own = [(i, program.unit[i] / scale) for i in np.flatnonzero(program.aspect)] if posed.tail.aspects else []
     after = ((names[program.aspect[i]], float(program.looks[i]), float(tail[0][i] * u), float(tail[1][i] * u)) for i, u in own)
     return Prices(fuel, pressed, ramps, steps, tuple(one for one in after if one[2] > 0.0 or one[3] > 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class _Turned:
+    """Multipliers of the equations with one choice of signs, which the solver does not tell, and how far off stationarity they are."""
+
+    multiplier: Reals
+    landing: float
+    pull: Reals
+    scale: float
+    off: float
+
+    @staticmethod
+    def of(program: GridProgram, prices: list[Reals], multiplier: Reals, landing: float, risen: float, length: float) -> _Turned:
+        k, tail = len(program.looks), program.problem.tail
+        force = program.columns.T @ multiplier
+        pull = force + program.shapes[:k].T @ (prices[0] - prices[1])[:k]
+        if program.problem.sloped and len(pull):
+            pull = pull + landing * tail.rows(np.zeros(1))[0]
+        free = np.setdiff1d(np.arange(len(pull)), [at for places in program.capped for at in places]).astype(np.intp)
+        scale = float(multiplier @ program.target) - _price(program, prices[0], prices[1], pull) - risen
+        size = float(np.linalg.norm(force)) + np.finfo(float).tiny
+        left = abs(scale + landing * program.problem.hold - length) / length + float(np.linalg.norm(pull[free])) / size
+        return _Turned(multiplier, landing, pull, scale, left)
+
+
+def _ends_on_a_ramp(program: GridProgram, levels: Reals) -> bool:
+    rate = program.problem.rate
+    ramps = priced(program.instants, levels, rate, 0.0) if rate else ()
+    return bool(ramps) and ramps[0].edges[0] == 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -109,7 +109,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         found = looked if found is None or (found.switches is None and looked.switches is not None) else found
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
         enough = REGULAR if problem.bang_bang else COURSED if problem.courses or problem.rate else LIMITED
-        late = problem.rate is not None and factor > 1  # finer grids gain little: the solver's own digits end
+        late = factor > 1 and (problem.rate is not None or (bool(problem.courses) and proof.upper is None))  # finer grids gain little
         if gridded or late or proof.gap <= enough or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
             break
     if found is None:

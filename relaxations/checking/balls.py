@@ -240,7 +240,11 @@ class System:
         polynomials = [acb_poly(list(written[::-1])) for written in (plant.outputs[output], plant.denominator)]
         rest = self.task.displacement * plant.outputs[output][-1] / plant.numerator[-1]
 
+        unseen = not fmpq_poly(list(plant.outputs[output][::-1])) % fmpq_poly(list(plant.numerator[::-1]))
+
         def answer(chain: Sequence[acb], zero: Root) -> list[acb]:
+            if unseen:  # as the controlled output does, and its derivatives
+                return [acb(0)] * len(chain)
             above, below = ([*p(acb_poly([zero.value, 1])).coeffs(), *[acb(0)] * len(chain)] for p in polynomials)
             series: list[acb] = []
             for k in range(len(chain)):

@@ -6,8 +6,9 @@ The witness gives ramps, disjoint intervals of s on which p - q' is constant in 
     ∫ p u ≤ ∫_rest σ(p) + Σ lengths σ(levels) + ∫ rate(q) - q(0) u_ss,     rate(q) = max(upper slope q, lower slope q)
 
 whatever the ramps are. The levels of a ramp are shifted by one constant so that q ends at 0; but a ramp from s = 0 on ends there with q(0)
-as it comes unless it is given (`steps`), and where the move begins within a ramp nothing is asked of q (docs/theory.md, section 3). An
-input that is constant over samples changes by at most h times the limits from one to the next: q is then a number for each step, q' its differences.
+as it comes unless it is given (`steps`), and where the move begins within a ramp nothing is asked of q (docs/theory.md, section 3).
+An input that is constant over samples changes by at most h times the limits from one to the next: q is then a number for each step, q'
+its differences.
 """
 
 from __future__ import annotations
