@@ -270,6 +270,7 @@ def draw(results: Mapping[str, Any], design: Design, requirements: Sequence[Requ
     if design.shaped is not None:
         drawings[f"Shaper {design.shaped.shaping.kind}"] = chart(design.shaped.shaping)
     rested = results["task"]["initial_state"] is None  # else the plant's own motion counts as much as the command
+    rested = rested and design.problem.transition is None
     if rested and design.plant.flexible and design.command is not None and not any(segment.slope for segment in design.command.segments):
         drawings["Sensitivity of the command"] = _sensitivity_chart(design, results)
     return drawings
