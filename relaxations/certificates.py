@@ -16,10 +16,9 @@ import rfc8785
 from numpy.typing import NDArray
 
 from relaxations.boxes import Box, Family, Place, Polynomial
-from relaxations.courses import Press
 from relaxations.maneuvers import Problem
 from relaxations.plants import fraction
-from relaxations.ramps import Ramp
+from relaxations.prices import NONE, Prices
 from relaxations.transitions import VaryingPlant
 
 Number = Fraction | float
@@ -123,9 +122,7 @@ def costate_witness(
     problem: Problem,
     costate: Numbers,
     multipliers: Sequence[tuple[Number, Number, Number]] = (),
-    fuel: Number = Fraction(0),
-    pressed: Sequence[Press] = (),
-    ramps: Sequence[Ramp] = (),
+    prices: Prices = NONE,
 ) -> dict[str, Any]:
     """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole; (instant, μ⁺, μ⁻) of the tail; μ of
     the fuel; the multipliers of courses."""
@@ -144,9 +141,9 @@ def costate_witness(
             chains.append({"near": [text(pole.value.real), text(pole.value.imag)], "coefficients": coefficients})
         plants.append(chains)
     written = [{"time": text(time), "upper": text(above), "lower": text(below)} for time, above, below in multipliers]
-    presses = [{"output": p.course.name, "begin": text(p.begin), "end": text(p.end), "weight": text(p.weight)} for p in pressed]
-    rates = [{"edges": [text(x) for x in ramp.edges], "levels": [text(x) for x in ramp.levels]} for ramp in ramps]
-    others = {"fuel": text(fuel), "deflection": presses, "ramps": rates}
+    presses = [{"output": p.course.name, "begin": text(p.begin), "end": text(p.end), "weight": text(p.weight)} for p in prices.pressed]
+    rates = [{"edges": [text(x) for x in ramp.edges], "levels": [text(x) for x in ramp.levels]} for ramp in prices.ramps]
+    others = {"fuel": text(prices.fuel), "deflection": presses, "ramps": rates, "steps": [text(x) for x in prices.steps]}
     residuals = problem.residuals
     if residuals is None:
         return {"costate": plants, "tail": written, "samples": [], **others}

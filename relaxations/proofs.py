@@ -42,6 +42,7 @@ from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.plants import fraction
 from relaxations.polishing import Polished, polish
+from relaxations.prices import Prices
 from relaxations.refinement import Extremal, outline
 from relaxations.repair import SNAP, pivots, zoomed
 from relaxations.robust import further, minimum
@@ -102,7 +103,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
     proof, found, count, trouble = Proof(), None, 0, None
     gridded = problem.maneuver.sample_time is not None
     if problem.courses or problem.rate is not None:
-        chosen = replace(chosen.finer(4 if problem.rate is not None else 2), tolerance=max(chosen.tolerance, CLOSE))
+        chosen = replace(chosen.finer(4 if problem.sloped else 2), tolerance=max(chosen.tolerance, CLOSE))
     look = sampled_bracket if gridded else bracket
     if not gridded and problem.eased.bang_bang and not problem.bang_bang and (first := _at_ease(problem, task, chosen)) is not None:
         return replace(first, seconds=time.perf_counter() - begun)
@@ -221,7 +222,7 @@ def _near(problem: Problem, found: Bound, dual: Extremal | programs.GridSolution
 def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polished: Polished) -> Proof:
     """Both sides of a regular optimum, claimed a double below and a double above the duration."""
     middle = float(polished.maneuver_time)
-    witness = certificates.costate_witness(problem, polished.costate, polished.multipliers, polished.fuel)
+    witness = certificates.costate_witness(problem, polished.costate, polished.multipliers, Prices(polished.fuel))
     lower: Side | None = Side(Fraction(float(np.nextafter(middle, 0.0))), witness)
     above = Fraction(float(np.nextafter(middle, np.inf)))
     for upper in _witnesses(problem, extremal.exact_levels[::-1], polished.maneuver_time, polished.starts, polished.tail):

@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations.commands import Command, Segment, Tail
-from relaxations.courses import Press
 from relaxations.duality import costate_roots
 from relaxations.maneuvers import Problem
-from relaxations.ramps import Ramp
+from relaxations.prices import Prices
 from relaxations.tails import NO_TAIL, Contact, TailStart
 
 Reals = NDArray[np.float64]
@@ -53,8 +52,6 @@ class Extremal:
     iterations: int
     tail: TailStart = NO_TAIL
     fuel: float = 0.0
-    pressed: tuple[Press, ...] = ()  # multipliers of further limits, which an extremal does not have
-    ramps: tuple[Ramp, ...] = ()
 
     def command(self, problem: Problem) -> Command:
         """The command in absolute input, its switches in order of time."""
@@ -62,6 +59,11 @@ class Extremal:
         arcs = {float(start): problem.absolute(float(level)) for start, level in zip(starts, self.levels[::-1], strict=True)}
         segments = tuple(Segment(start, level) for start, level in arcs.items())  # of arcs that a double cannot tell apart the last
         return Command(self.maneuver_time, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(self.tail.coefficients)))
+
+    @property
+    def prices(self) -> Prices:
+        """That of the fuel: an extremal has no other further limits."""
+        return Prices(self.fuel)
 
     @property
     def exact_levels(self) -> list[Fraction]:

@@ -90,7 +90,7 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     reach = upper - lower
     levels = np.clip(solution.levels, lower, upper)
     levels = np.where(levels > upper - snap * reach, upper, np.where(levels < lower + snap * reach, lower, levels)) / solution.fraction
-    if problem.rate is not None:
+    if problem.sloped:
         return _ramped(solution, levels)
     if problem.fuel is not None:  # where the fuel is not worth its price the input rests
         levels = np.where(np.abs(levels) < snap * reach, 0.0, levels)
@@ -102,6 +102,7 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     starts, levels = starts[keep], levels[keep]
     room = np.minimum(upper - levels, levels - lower)
     room[(levels == lower) | (levels == upper)] = 0.0
+    room = np.minimum(room, _spare(problem, levels))
     instants = np.append(starts, solution.maneuver_time)
     integrated = problem.rows(solution.maneuver_time - instants, 1)
     table = integrated[:, :-1] - integrated[:, 1:]
@@ -128,7 +129,7 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
         values[free] += np.linalg.lstsq(columns[:, free] / rows[:, None], residual / rows, rcond=None)[0]
     levels, tail = values[: len(levels)], values[len(levels) :]
     chosen = free[free < len(levels)]
-    left = np.minimum(upper - levels[chosen], levels[chosen] - lower)
+    left = np.minimum(np.minimum(upper - levels[chosen], levels[chosen] - lower), _spare(problem, levels)[chosen])
     if len(chosen) and not left.min() > 0.0:
         return None
     return Repaired(
@@ -140,6 +141,16 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
         tuple(int(i) - len(levels) for i in free if i >= len(levels)),
         float(min(left.min(initial=np.inf), play.min(initial=np.inf) if len(free) > len(chosen) else np.inf)) / 4,
     )
+
+
+def _spare(problem: Problem, levels: Reals) -> Reals:
+    """How far each level may move until a step from sample to sample is beyond its limit."""
+    step = problem.maneuver.sample_time
+    if problem.rate is None or step is None:
+        return np.full(len(levels), np.inf)
+    steps = np.diff(np.concatenate([[0.0], levels, [problem.hold]]))
+    spare = np.minimum(problem.rate[1] * float(step) - steps, steps - problem.rate[0] * float(step))
+    return np.maximum(np.minimum(spare[:-1], spare[1:]), 0.0)
 
 
 def _absolute(problem: Problem, levels: Reals) -> tuple[Fraction, ...]:
@@ -171,7 +182,7 @@ def _ramped(solution: GridSolution, levels: Reals) -> Repaired | None:
             free = np.sort(pivots(np.linalg.qr((table * weights).T)[0].T)[:size])
         if turn == 3:
             break
-        residual = problem.target - table @ values
+        residual = problem.aimed(solution.maneuver_time) - table @ values
         rows = np.abs(table * np.where(values == 0.0, 1.0, np.abs(values))).sum(axis=1)
         values = values.copy()
         values[free] += np.linalg.lstsq(table[:, free] / rows[:, None], residual / rows, rcond=None)[0]

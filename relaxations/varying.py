@@ -27,6 +27,7 @@ from relaxations.errors import ManeuverError, SolverError
 from relaxations.maneuvers import Maneuver, Problem, TargetSet
 from relaxations.moments import Basis
 from relaxations.polishing import Polished, polish
+from relaxations.prices import Prices
 from relaxations.refinement import Extremal, outline
 from relaxations.repair import pivots, repair
 from relaxations.sides import RADII, Proof, Side, accepted, concluded, lower_side, rounded
@@ -172,7 +173,7 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
 def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polished: Polished) -> Proof:
     """Both sides of a regular optimum, claimed a double below and a double above the duration."""
     middle = float(polished.maneuver_time)
-    witness = certificates.costate_witness(problem, polished.costate, (), polished.fuel)
+    witness = certificates.costate_witness(problem, polished.costate, (), Prices(polished.fuel))
     lower: Side | None = Side(Fraction(float(np.nextafter(middle, 0.0))), witness)
     lower = lower if lower and accepted(task, lower=lower) else None
     starts = [Fraction(0), *(polished.maneuver_time - start for start in reversed(polished.starts[1:]))]

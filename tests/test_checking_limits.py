@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import Any
 
 import pytest
 from forgery import certificate, changed, command, costate, forged, number, opened, proven, proven_limited, task, written
@@ -15,7 +16,7 @@ Path = tuple[str | int, ...]
 def altered(name: str, where: Path, value: object) -> bytes:
     """The certificate of that name with one value changed, signed again."""
     data = opened(proven_limited(name))
-    place = data
+    place: Any = data
     for step in where[:-1]:
         place = place[step]
     place[where[-1]] = value
@@ -47,12 +48,21 @@ def test_the_claim_says_what_commands_it_is_about() -> None:
         (("claim", "upper"), "9.1", Outcome.PROVED),
         (("upper", "maneuver_time"), "9.01", Outcome.MALFORMED),
         (("upper", "segments", 1, "start"), "0.26", Outcome.MALFORMED),
+        (("upper", "segments", -1, "start"), "8.7", Outcome.MALFORMED),
         (("upper", "free", 0), ["time", 0, 0], Outcome.MALFORMED),
         (("upper", "free", 0), ["start", 1, 0], Outcome.MALFORMED),
     ],
 )
 def test_samples_changed(where: Path, value: object, outcome: Outcome) -> None:
     assert check(altered("sampled", where, value)).outcome is outcome
+
+
+def test_every_sample_counts_by_itself() -> None:
+    # 1/s², h = 1, p = s - 1: in two samples the integral of |p| is 1 = Δ, that of p is 0.
+    chain = costate((("0", "0"), [("-1", "0"), ("1", "0")]))
+    posed = task(["1"], ["1", "0", "0"], sample_time="1")
+    assert check(certificate(posed, "2", witnesses=(chain, None))).outcome is Outcome.PROVED
+    assert check(certificate(posed, "3", witnesses=(chain, None))).outcome is not Outcome.PROVED  # two samples do it
 
 
 # Starts.
@@ -110,6 +120,14 @@ def test_stronger_claims_are_refuted_weaker_ones_hold(side: str, factor: str, ou
     assert check(forged(data)).outcome is outcome
 
 
+@pytest.mark.parametrize(("side", "factor"), [("lower", "1.000001"), ("upper", "0.999999")])
+@pytest.mark.parametrize("name", ["started", "braked"])
+def test_a_start_is_told_to_six_digits(name: str, side: str, factor: str) -> None:
+    content = proven_limited(name)
+    value = number(opened(content)["claim"][side]) * Fraction(factor)
+    assert check(altered(name, ("claim", side), written(value))).outcome is Outcome.REFUTED
+
+
 # Pulses.
 
 
@@ -145,6 +163,27 @@ def test_partial_thrust_is_no_pulse() -> None:
     data = opened(proven_limited("pulsed"))
     data["claim"]["lower"], data["task"]["limits"]["input"] = None, ["-1", "2"]
     assert check(forged(data)).outcome is Outcome.MALFORMED, "1 is no full thrust then"
+
+
+def pulses(segments: list[tuple[str, str]], time: str, displacement: str, **limits: Any) -> Outcome:
+    """Of whole pulses for 1/s²."""
+    posed = task(["1"], ["1", "0", "0"], displacement, **limits)
+    return check(certificate(posed, upper=time, witnesses=(None, command(time, segments, [])))).outcome
+
+
+def test_coasts_between_pulses() -> None:
+    coast = [("0", "1"), ("1", "0"), ("2", "-1")]
+    later = [("0", "0"), ("1", "1"), ("2", "0"), ("3", "-1")]
+    for segments, time in ((coast, "3"), (later, "4")):
+        assert pulses(segments, time, "2", pulse_width="1", pulses=2) is Outcome.PROVED
+        assert pulses(segments, time, "2", pulse_width="1.000001") is Outcome.REFUTED
+        assert pulses(segments, time, "2", pulses=1) is Outcome.REFUTED
+    uneven = [("0", "2"), ("0.5", "0"), ("1.5", "-1")]
+    assert pulses(uneven, "2.5", "1.75", limits=("-1", "2"), pulse_width="0.5") is Outcome.PROVED
+    assert pulses(uneven, "2.5", "1.75", limits=("-1", "2"), pulse_width="0.6") is Outcome.REFUTED
+    last = [("0", "1"), ("1", "0"), ("2", "-2")]
+    assert pulses(last, "2.5", "1.75", limits=("-2", "1"), pulse_width="0.5") is Outcome.PROVED
+    assert pulses(last, "2.5", "1.75", limits=("-2", "1"), pulse_width="0.6") is Outcome.REFUTED
 
 
 # Lies: about the rigid body, whose numbers fit on a line. Δ = 1, |u| ≤ 1, U = 1: T = 2.5, u = 1 until 0.5, -1 from 2 on; p = (s - 1.25)/1.5
@@ -265,9 +304,28 @@ def test_the_claim_in_words_with_every_limit() -> None:
         ({"pulses": 3}, "of any width, at most 3 of them. The"),
         ({"pulse_width": "2", "pulses": 3}, "of at least 2 s, at most 3 of them. The"),
     ):
-        pulsed = task(["1"], ["1", "0", "0"], **limits)
+        pulsed = task(["1"], ["1", "0", "0"], "1", **limits)
         *_, thrusters, widths, _ = claim(
             check(certificate(pulsed, upper="9", witnesses=(None, command("9", [("0", "1")], []))))
         ).splitlines()
         assert thrusters == "  Thrusters: until T, u is -1, 1 or 0, in pulses (constant pieces other than that)"
         assert widths == f"  {words} lower side is that of all inputs in the limits."
+
+
+@pytest.mark.parametrize(
+    ("of", "outcome"),
+    [
+        (task(["1"], ["1", "0"], fuel="0.9"), Outcome.PROVED),
+        (task(["1"], ["1", "0"], "-1", fuel="0.9"), Outcome.PROVED),
+        (task(["1"], ["1", "0"], fuel="1"), Outcome.INCONCLUSIVE),
+        (task(["1"], ["1", "0"], "-1", fuel="1.1"), Outcome.INCONCLUSIVE),
+        (task(["1"], ["1", "0"]), Outcome.INCONCLUSIVE),
+        (task(["1"], ["1", "0", "0"], fuel="0.9"), Outcome.INCONCLUSIVE),  # in time enough a little fuel moves it as far as you like
+        (task(["1"], ["1", "1", "0"], fuel="0.9"), Outcome.PROVED),
+        (task(["1"], ["1", "1", "0"], fuel="1.1"), Outcome.INCONCLUSIVE),
+        (task(["1", "1"], ["1", "0"], fuel="0.5", rest="output"), Outcome.INCONCLUSIVE),  # the tail is no part of the budget
+        (task(["1"], ["1", "0"], fuel="0.9", initial_state=["0.5"]), Outcome.INCONCLUSIVE),
+    ],
+)
+def test_where_too_little_fuel_makes_a_task_impossible(of: dict[str, Any], outcome: Outcome) -> None:
+    assert check(certificate(of, impossible="fuel")).outcome is outcome

@@ -131,7 +131,9 @@ def claim(found: Check) -> str:
     for name, limit in task["limits"]["deflection"].items():
         above = ", ".join(task["plants"][0]["outputs"][name])
         lines.append(f"  The output {name!r}, numerator [{above}], never leaves its first rest value by more than {limit}.")
-    if rate := task["limits"]["rate"]:
+    if (rate := task["limits"]["rate"]) and task["limits"]["sample_time"]:
+        lines.append(f"  From sample to sample, and from and to the rests, u changes by h times a slope in [{rate[0]}, {rate[1]}].")
+    elif rate:
         lines.append(f"  u is continuous from its first rest to its last, and its slope stays in [{rate[0]}, {rate[1]}].")
     lines += members.promises(task)
     if (width := task["limits"]["pulse_width"]) is not None or task["limits"]["pulses"] is not None:

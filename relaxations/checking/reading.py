@@ -150,7 +150,16 @@ CONTACTS: list[Any] = [{"time": real, "upper": real, "lower": real}, 0, MOST_CON
 PRESSES: list[Any] = [{"output": name, "begin": real, "end": real, "weight": real}, 0, MOST_CONTACTS]
 RAMPS: list[Any] = [{"edges": [real, 2, 1000], "levels": [real, 1, 1000]}, 0, MOST_CONTACTS]
 SAMPLES: list[Any] = [{"place": [real, 1, 8], "residual": CONTACTS}, 0, 1000]
-LOWER = {"costate": [CHAINS, 1, 1], "tail": CONTACTS, "samples": SAMPLES, "fuel": real, "deflection": PRESSES, "ramps": RAMPS}
+STEPS: list[Any] = [real, 0, MOST_SEGMENTS]  # of the input's changes from sample to sample, the last change first
+LOWER = {
+    "costate": [CHAINS, 1, 1],
+    "tail": CONTACTS,
+    "samples": SAMPLES,
+    "fuel": real,
+    "deflection": PRESSES,
+    "ramps": RAMPS,
+    "steps": STEPS,
+}
 # A command near an exact solution: absolute levels from their starts on, then a tail. `free` names its unknowns, each within `radius` of
 # what is written: ["time", 0, 0], ["start" or "level", i, 0] of segment i, ["re" or "im", i, k] of coefficient k of the tail's chain i.
 SEGMENTS = [{"start": real, "level": real}, 0, MOST_SEGMENTS]

@@ -34,7 +34,7 @@ def as_written(task: Any, zeros: Sequence[Root], witness: Any) -> tuple[list[Num
     require(len(set(witness.free)) == len(witness.free), "upper.free names an unknown twice")
     levels = [segment.level - task.initial_input for segment in witness.segments]
     command = [witness.maneuver_time, *(segment.start for segment in witness.segments), *levels, *tail]
-    if task.limits.rate is not None:
+    if task.limits.rate is not None and task.limits.sample_time is None:
         fine = all(kind == "level" and i > 0 for kind, i, _ in witness.free)
         require(fine, "with limits of the slope the unknowns are levels, the first one excepted")
     if step := task.limits.sample_time:
@@ -47,7 +47,7 @@ def residual(system: System, n: int, command: list[Number]) -> arb_mat:
     """The moments of the command minus where they must be, tail included."""
     tail = command[2 * n + 1 :]
     total = system.drift(arb(command[0])) - system.target - system.columns * arb_mat(len(tail), 1, tail)
-    if system.task.limits.rate is not None:
+    if system.sloped:
         return total + ramps.moments(system, command, n)
     for start, (before, level) in zip(command[1 : n + 1], pairwise([fmpq(0), *command[n + 1 : 2 * n + 1]]), strict=True):
         if not arb(level - before).is_zero():
@@ -62,7 +62,7 @@ def derivative(system: System, n: int, command: list[Number], place: int) -> arb
     def begun(entries: Any, i: int) -> arb_mat:
         return flat(system.roots, entries, arb(command[0] - instants[i]))
 
-    if system.task.limits.rate is not None:
+    if system.sloped:
         return ramps.derivative(system, command, n, place - n - 1)
     if place == 0:
         return sum((begun(Root.impulse, i) * arb(levels[i + 1] - levels[i]) for i in range(n)), system.drift(arb(command[0]), True))
@@ -114,7 +114,7 @@ def krawczyk(
 def solve(system: System, n: int, witness: Any) -> list[Number]:
     """The command with its unknowns in balls that hold a solution."""
     (command, unknowns), size = as_written(system.task, system.zeros, witness), system.target.nrows()
-    if not unknowns and not system.begin and system.task.limits.rate is None and all(root.value.is_zero() for root in system.roots):
+    if not unknowns and not system.begin and not system.sloped and all(root.value.is_zero() for root in system.roots):
         exactly(system, n, command)
         return command
     return krawczyk(
@@ -202,9 +202,8 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         instants = [*command[1 : n + 1], command[0]]
         levels = command[n + 1 : 2 * n + 1]
         burnt = (abs(arb(level)) * arb(b - a) for level, (a, b) in zip(levels, pairwise(instants), strict=True))
-        ramped = system.task.limits.rate is not None
         at_most(
-            ramps.burnt([*levels, system.rest], instants) if ramped else sum(burnt, arb(0)),
+            ramps.burnt([*levels, system.rest], instants) if system.sloped else sum(burnt, arb(0)),
             system.task.limits.fuel,
             "the move uses no more fuel than there is",
         )

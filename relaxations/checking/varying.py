@@ -185,7 +185,7 @@ def posed(task: Any) -> Varying:
 def lower_side(task: Varying, witness: Any, time: fmpq) -> None:
     """Prove that no admissible command takes `time` or less: `λᵀ x_ss > ∫_0^time σ(λᵀ g) dt` (+ μ fuel); or raise."""
     chains = witness.costate[0]
-    fine = not (witness.tail or witness.samples or witness.deflection or witness.ramps) and len(chains) == 1
+    fine = not (witness.tail or witness.samples or witness.deflection or witness.ramps or witness.steps) and len(chains) == 1
     require(
         fine and len(chains[0].coefficients) == len(task.state), "the costate of a plant that varies is one chain, a number for each state"
     )
