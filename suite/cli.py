@@ -163,6 +163,39 @@ def table(study: Path, displacements: str, exports: tuple[Path, ...], certificat
 
 
 @main.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option("--tolerances", metavar="LO:HI:N",
+              help="N residuals allowed, fractions of the move, of equal ratio; default: round numbers around the study's.")  # fmt: skip
+@click.option("--widths", metavar="LO:HI:N", help="N equally spaced widths, times the study's ranges; default: 0:1.5:7.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw both to this file (SVG).")
+@click.option("--certificates", type=click.Path(path_type=Path), help="Write every point's proof into this folder.")
+@SANDBOX
+@AS_JSON
+@guarded
+def tradeoff(study: Path, tolerances: str | None, widths: str | None, plot: Path | None, certificates: Path | None, as_json: bool) -> None:
+    """Bracket the minimum time of STUDY for many tolerances of its residual, and for narrower and wider ranges of its parameters.
+
+    The study's own tolerance and ranges are always among them. Exit code 0: every point is proved or bracketed; 1: one is impossible;
+    2: bad input.
+    """
+    from suite import console, tradeoff_text, tradeoffs
+    from suite.loading import load_study
+
+    if plot:
+        tradeoff_text.drawable(plot)
+    planned = tradeoffs.plan(load_study(study), tolerances, widths)
+    with console.progress("bracketing", planned.count) as shown:
+        done = tradeoffs.tradeoff(planned, certificates, shown.advance)
+    if plot:
+        tradeoff_text.draw(done, plot)
+    if as_json:
+        print_json(done.to_dict() | {"files": [] if plot is None else [str(plot)]})
+    else:
+        console.show_tradeoff(done, plot)
+    sys.exit(FAILED if done.impossible else 0)
+
+
+@main.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--study", type=click.Path(path_type=Path), help="Confirm that the certificates are about this study.")
 @AS_JSON

@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 from rich.progress import Progress as Bar
 from rich.table import Table
 
+from suite import tradeoff_text
 from suite.campaign import RunResult
 from suite.evidence import number
 from suite.inspecting import summary, terminal_lines, variable_rows
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from suite.review import Review
     from suite.simulation import Simulated
     from suite.tables import Table as DisplacementTable
+    from suite.tradeoffs import Tradeoff
 
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
 MOST_VARIABLES = 100  # rows of a table on a terminal; FMUs have up to 100,000
@@ -194,6 +196,25 @@ def show_table(done: DisplacementTable, exports: Sequence[Path]) -> None:
     console.print(f"{len(rows)} displacements, {done.proven} proven on both sides, {done.seconds:.1f} s")
     for path in exports:
         console.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def show_tradeoff(done: Tradeoff, plot: Path | None) -> None:
+    """One row a point, tolerances first, then widths; the usual commands beside them."""
+    console, shown = out(), Table()
+    for heading in tradeoff_text.headings(done.study):
+        shown.add_column(escape(heading), justify="left" if heading == "status" else "right")
+    for sweep in (done.tolerances, done.widths):
+        for point in sweep:
+            style = "bold" if point.tolerance == done.tolerance and point.width == 1 else None
+            shown.add_row(*map(escape, tradeoff_text.cells(point)), style=style)
+        shown.add_section()
+    console.print(shown)
+    for line in tradeoff_text.lines(done):
+        console.print(escape(line), soft_wrap=True)
+    proven = sum(point.status in ("proved", "impossible") for point in done.points)
+    console.print(f"{len(done.points)} points, {proven} proven, {done.seconds:.1f} s")
+    if plot is not None:
+        console.print(f"written: {escape(str(plot))}", soft_wrap=True)
 
 
 def _show_bracket(console: Console, bound: Mapping[str, Any]) -> None:
