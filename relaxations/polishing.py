@@ -132,7 +132,7 @@ class _System:
             return _solved(arb_mat(slopes), arb_mat(command, 1, missed))
         matrix, wanted = self.costate(z)
         y, m, n, size = arb_mat(costate, 1, z[command:]), len(self.levels) - 1, self.exact.columns.ncols(), self.exact.target.nrows()
-        bends = (arb_mat(1, size, y.entries()[:size]) * self.exact.slopes() * self.exact.rows(z[:m])).entries()
+        bends = (arb_mat(1, size, y.entries()[:size]) * self.exact.changes(z[:m])).entries()
         turning, prices = self.exact.touching(self.contacts, self.places(z), 1).tolist(), y.entries()[self.size :]
         whole = [[*row, *[arb(0)] * costate] for row in slopes]
         for i, row in enumerate(matrix.tolist()):

@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations.commands import Command, Segment, Tail
-from relaxations.courses import Press
 from relaxations.duality import costate_roots
 from relaxations.maneuvers import Problem
-from relaxations.ramps import Ramp
+from relaxations.prices import Prices
 from relaxations.tails import NO_TAIL, Contact, TailStart
 
 Reals = NDArray[np.float64]
@@ -53,8 +52,6 @@ class Extremal:
     iterations: int
     tail: TailStart = NO_TAIL
     fuel: float = 0.0
-    pressed: tuple[Press, ...] = ()  # multipliers of further limits, which an extremal does not have
-    ramps: tuple[Ramp, ...] = ()
 
     def command(self, problem: Problem) -> Command:
         """The command in absolute input, its switches in order of time."""
@@ -62,6 +59,11 @@ class Extremal:
         arcs = {float(start): problem.absolute(float(level)) for start, level in zip(starts, self.levels[::-1], strict=True)}
         segments = tuple(Segment(start, level) for start, level in arcs.items())  # of arcs that a double cannot tell apart the last
         return Command(self.maneuver_time, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(self.tail.coefficients)))
+
+    @property
+    def prices(self) -> Prices:
+        """That of the fuel: an extremal has no other further limits."""
+        return Prices(self.fuel)
 
     @property
     def exact_levels(self) -> list[Fraction]:
@@ -251,7 +253,7 @@ class _State:
         matrix[moments, :m], matrix[moments, m] = b * jumps[:-1], end * jumps[-1]
         matrix[moments, tail] = -columns
         values[roots], sizes[roots] = costate @ b, np.abs(costate) @ np.abs(b)
-        matrix[roots, :m], matrix[roots, lam] = np.diag(problem.derivative(costate[: problem.size]) @ whole[:, :-1]), b.T
+        matrix[roots, :m], matrix[roots, lam] = np.diag(self._turning(costate[: problem.size], s, whole[:, :-1])), b.T
         values[tails] = costate @ columns + prices @ shapes
         sizes[tails] = np.abs(costate) @ np.abs(columns) + np.abs(prices) @ np.abs(shapes)
         matrix[tails, lam], matrix[tails, mu], matrix[tails, end_mu:] = columns.T, shapes.T, (prices[:, None] * slopes)[moving].T
@@ -268,6 +270,11 @@ class _State:
         sizes[sizes == 0.0] = 1.0
         values /= sizes
         return values, matrix / sizes[:, None], float(np.abs(np.concatenate([values[moments], values[touching]])).max())
+
+    def _turning(self, costate: Reals, s: Reals, rows: Reals) -> Reals:
+        """p' at the switches, where b has these rows."""
+        transition = self.problem.transition
+        return self.problem.derivative(costate) @ rows if transition is None else costate @ transition.slopes(s)
 
     def _with_fuel(self, rows: Reals, share: float | Reals) -> Reals:
         """Rows of the moments, and the one of the fuel if there is a budget."""

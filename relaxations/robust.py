@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations import programs
+from relaxations import posing, programs
 from relaxations.bounds import Settings, exceeded, exponent_of, first_looks, grid_minimum, instants
 from relaxations.boxes import Box, Family, Listed, Place
 from relaxations.maneuvers import Problem, problem
@@ -81,7 +81,7 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
     tolerance = max(settings.tolerance, TOLERANCE)
     for _ in range(ROUNDS):
         count += 1
-        solution = programs.solve(programs.build(posed, instants(posed, horizon, settings), looks))
+        solution = programs.solve(posing.build(posed, instants(posed, horizon, settings), looks))
         if solution.fraction < 1.0:
             low, below = horizon, solution
         else:
@@ -111,7 +111,7 @@ def within(found: Sampled, beyond: float, settings: Settings) -> tuple[Sampled, 
     assert found.solution is not None
     horizon, solution = found.solution.maneuver_time * (1.0 + beyond), found.solution
     for count in range(ROUNDS // 2):
-        solution = programs.solve(programs.build(posed, instants(posed, horizon, settings), looks, inside))
+        solution = programs.solve(posing.build(posed, instants(posed, horizon, settings), looks, inside))
         if not solution.reaches:
             return Sampled(posed, looks, solution, found.below, count + 1), False
         if over := exceeded(posed, solution, 1.0 - inside / 2):

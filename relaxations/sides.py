@@ -108,11 +108,10 @@ def accepted(task: dict[str, Any], lower: Side | None = None, upper: Side | None
 
 def lower_side(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
-    value = lower_bound(
-        *extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.fuel, dual.pressed, dual.ramps
-    )
-    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.fuel, dual.pressed, dual.ramps)
-    step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS]
+    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.prices)
+    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.prices)
+    followed = dual.prices.pressed or dual.prices.ramps  # p was integrated on a grid then
+    step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS[-4 if followed else 0 :]]
     if step is not None:
         claims = [problem.on_grid(value) - k * step for k in (0, 1)]
     for claim in claims if value > 0.0 else ():
@@ -151,7 +150,7 @@ def instant_proof(problem: Problem, task: dict[str, Any], found: Bound) -> Proof
 
 def staircase_of(problem: Problem, fixed: Repaired) -> Command:
     """The command of a repaired solution, in doubles."""
-    if problem.rate is not None:
+    if problem.sloped:
         levels = np.array([float(level - problem.maneuver.rest) for level in fixed.levels])
         return ramped(problem, np.append(fixed.starts, fixed.maneuver_time), levels)
     segments = tuple(Segment(float(s), float(v)) for s, v in zip(fixed.starts, fixed.levels, strict=True))

@@ -55,7 +55,9 @@ def _limited(
 
 LIMITED: dict[str, Callable[[], Problem]] = {
     "sampled": lambda: _limited([2, 0, 4, 0, 0], "5", sample_time=Fraction(1, 4)),
+    "exact": lambda: _limited([1, 0, 0], "1", sample_time=Fraction(1, 10)),
     "started": lambda: _limited([1, 0, 1], "1/4", start=(5, 3)),
+    "braked": lambda: _limited([1, "0.3", 4], "1/10", start=(2, -1)),
     "pulsed": lambda: _limited([1, 0, 0], "1", pulse_width=Fraction(11, 10)),
     "speed": lambda: _limited([1, 0, 0], "1", speed="0.5"),
 }
@@ -144,6 +146,7 @@ def task(numerator: list[str], denominator: list[str], displacement: str = "1", 
     plant = {"numerator": numerator, "denominator": denominator, "outputs": others.pop("outputs", {}), "zeros": others.pop("zeros", {})}
     return {
         "plants": [plant],
+        "schedule": None,
         "box": None,
         "displacement": displacement,
         "initial_state": None,
@@ -163,7 +166,12 @@ def certificate(
 
 
 def costate(
-    *chains: tuple[tuple[str, str], list[tuple[str, str]]], tail: Any = (), fuel: str = "0", deflection: Any = (), ramps: Any = ()
+    *chains: tuple[tuple[str, str], list[tuple[str, str]]],
+    tail: Any = (),
+    fuel: str = "0",
+    deflection: Any = (),
+    ramps: Any = (),
+    steps: Any = (),
 ) -> dict[str, Any]:
     """A lower side's witness."""
     written_chains = [{"near": list(near), "coefficients": [list(c) for c in coefficients]} for near, coefficients in chains]
@@ -174,6 +182,7 @@ def costate(
         "fuel": fuel,
         "deflection": list(deflection),
         "ramps": list(ramps),
+        "steps": list(steps),
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import Any
 
 import pytest
 from forgery import certificate, changed, command, costate, forged, number, opened, proven, proven_limited, task, written
@@ -15,7 +16,7 @@ Path = tuple[str | int, ...]
 def altered(name: str, where: Path, value: object) -> bytes:
     """The certificate of that name with one value changed, signed again."""
     data = opened(proven_limited(name))
-    place = data
+    place: Any = data
     for step in where[:-1]:
         place = place[step]
     place[where[-1]] = value
@@ -47,12 +48,21 @@ def test_the_claim_says_what_commands_it_is_about() -> None:
         (("claim", "upper"), "9.1", Outcome.PROVED),
         (("upper", "maneuver_time"), "9.01", Outcome.MALFORMED),
         (("upper", "segments", 1, "start"), "0.26", Outcome.MALFORMED),
+        (("upper", "segments", -1, "start"), "8.7", Outcome.MALFORMED),
         (("upper", "free", 0), ["time", 0, 0], Outcome.MALFORMED),
         (("upper", "free", 0), ["start", 1, 0], Outcome.MALFORMED),
     ],
 )
 def test_samples_changed(where: Path, value: object, outcome: Outcome) -> None:
     assert check(altered("sampled", where, value)).outcome is outcome
+
+
+def test_every_sample_counts_by_itself() -> None:
+    # 1/s², h = 1, p = s - 1: in two samples the integral of |p| is 1 = Δ, that of p is 0.
+    chain = costate((("0", "0"), [("-1", "0"), ("1", "0")]))
+    posed = task(["1"], ["1", "0", "0"], sample_time="1")
+    assert check(certificate(posed, "2", witnesses=(chain, None))).outcome is Outcome.PROVED
+    assert check(certificate(posed, "3", witnesses=(chain, None))).outcome is not Outcome.PROVED  # two samples do it
 
 
 # Starts.
@@ -110,6 +120,14 @@ def test_stronger_claims_are_refuted_weaker_ones_hold(side: str, factor: str, ou
     assert check(forged(data)).outcome is outcome
 
 
+@pytest.mark.parametrize(("side", "factor"), [("lower", "1.000001"), ("upper", "0.999999")])
+@pytest.mark.parametrize("name", ["started", "braked"])
+def test_a_start_is_told_to_six_digits(name: str, side: str, factor: str) -> None:
+    content = proven_limited(name)
+    value = number(opened(content)["claim"][side]) * Fraction(factor)
+    assert check(altered(name, ("claim", side), written(value))).outcome is Outcome.REFUTED
+
+
 # Pulses.
 
 
@@ -145,6 +163,27 @@ def test_partial_thrust_is_no_pulse() -> None:
     data = opened(proven_limited("pulsed"))
     data["claim"]["lower"], data["task"]["limits"]["input"] = None, ["-1", "2"]
     assert check(forged(data)).outcome is Outcome.MALFORMED, "1 is no full thrust then"
+
+
+def pulses(segments: list[tuple[str, str]], time: str, displacement: str, **limits: Any) -> Outcome:
+    """Of whole pulses for 1/s²."""
+    posed = task(["1"], ["1", "0", "0"], displacement, **limits)
+    return check(certificate(posed, upper=time, witnesses=(None, command(time, segments, [])))).outcome
+
+
+def test_coasts_between_pulses() -> None:
+    coast = [("0", "1"), ("1", "0"), ("2", "-1")]
+    later = [("0", "0"), ("1", "1"), ("2", "0"), ("3", "-1")]
+    for segments, time in ((coast, "3"), (later, "4")):
+        assert pulses(segments, time, "2", pulse_width="1", pulses=2) is Outcome.PROVED
+        assert pulses(segments, time, "2", pulse_width="1.000001") is Outcome.REFUTED
+        assert pulses(segments, time, "2", pulses=1) is Outcome.REFUTED
+    uneven = [("0", "2"), ("0.5", "0"), ("1.5", "-1")]
+    assert pulses(uneven, "2.5", "1.75", limits=("-1", "2"), pulse_width="0.5") is Outcome.PROVED
+    assert pulses(uneven, "2.5", "1.75", limits=("-1", "2"), pulse_width="0.6") is Outcome.REFUTED
+    last = [("0", "1"), ("1", "0"), ("2", "-2")]
+    assert pulses(last, "2.5", "1.75", limits=("-2", "1"), pulse_width="0.5") is Outcome.PROVED
+    assert pulses(last, "2.5", "1.75", limits=("-2", "1"), pulse_width="0.6") is Outcome.REFUTED
 
 
 # Lies: about the rigid body, whose numbers fit on a line. Δ = 1, |u| ≤ 1, U = 1: T = 2.5, u = 1 until 0.5, -1 from 2 on; p = (s - 1.25)/1.5
@@ -199,3 +238,94 @@ def test_a_changed_budget_changes_the_claim() -> None:
         content, lambda data: (data["task"]["limits"].update(fuel=None), data["claim"].update(lower=None), data["lower"].update(fuel="0"))
     )
     assert check(free).outcome is Outcome.PROVED  # true, about another task
+
+
+# Commands in fractions alone: a minimum that is a whole number of samples. Δ = 1, |u| ≤ 1, h = 0.1: u = 1 until 1, -1 until 2.
+
+
+@pytest.mark.parametrize(
+    ("where", "value"),
+    [
+        (("upper", "segments", 1, "start"), "1.1"),
+        (("upper", "segments", 1, "level"), "-0.9"),
+        (("upper", "segments", 0, "level"), "0.9"),
+        (("upper", "maneuver_time"), "1.9"),
+        (("task", "displacement"), "0.9"),
+        (("task", "plants", 0, "numerator"), ["2"]),
+    ],
+)
+def test_what_is_written_without_unknowns_lands_exactly_or_not(where: Path, value: object) -> None:
+    assert opened(proven_limited("exact"))["upper"]["free"] == []
+    data = opened(altered("exact", where, value))
+    data["claim"]["lower"] = data["lower"] = None
+    assert check(forged(data)).outcome is Outcome.REFUTED
+
+
+def exact(order: int, segments: list[tuple[str, str]], time: str, displacement: str = "1") -> Outcome:
+    """Of a command of whole numbers for 1/s^order."""
+    posed = task(["1"], ["1", *["0"] * order], displacement, sample_time="1", limits=("-9", "9"))
+    return check(certificate(posed, upper=time, witnesses=(None, command(time, segments, [])))).outcome
+
+
+def test_commands_of_whole_numbers() -> None:
+    assert exact(1, [("0", "1")], "1") is Outcome.PROVED
+    assert exact(1, [("0", "1")], "1", "2") is Outcome.REFUTED
+    assert exact(1, [("0", "2"), ("1", "0"), ("3", "-1")], "4") is Outcome.PROVED
+    assert exact(3, [("0", "1"), ("1", "-2"), ("2", "1")], "3", "1") is Outcome.PROVED
+    assert exact(3, [("0", "1"), ("1", "-2"), ("2", "1")], "3", "2") is Outcome.REFUTED
+    assert exact(3, [("0", "1"), ("1", "-1"), ("3", "1")], "4", "2") is Outcome.PROVED
+    for wrong in ("1", "4", "-2"):
+        assert exact(3, [("0", "1"), ("1", "-1"), ("3", "1")], "4", wrong) is Outcome.REFUTED
+    for wrong in ([("0", "1"), ("1", "-1"), ("2", "1")], [("0", "1"), ("2", "-1"), ("3", "1")], [("0", "2"), ("1", "-2"), ("3", "2")]):
+        assert exact(3, wrong, "4", "2") is Outcome.REFUTED
+
+
+def test_the_claim_in_words_with_every_limit() -> None:
+    speed = {"outputs": {"speed": ["1", "0"]}, "deflection": {"speed": "8"}}
+    slopes = "  u is continuous from its first rest to its last, and its slope stays in [-6, 7]."
+    outputs = "  The output 'speed', numerator [1, 0], never leaves its first rest value by more than 8."
+    for others, line in (({"rate": ["-6", "7"]}, slopes), (speed, outputs)):
+        posed = task(["1"], ["1", "0", "0"], "2", limits=("-3", "4"), fuel="5", **others)
+        move = command("9", [("0", "0"), ("1", "1"), ("2", "1")], [["level", 1, 0], ["level", 2, 0]])
+        said = claim(check(certificate(posed, upper="9", witnesses=(None, move))))
+        assert said.splitlines() == [
+            "Plant (highest power of s first):",
+            "  numerator    [1]",
+            "  denominator  [1, 0, 0]",
+            "Task: from rest at input 0 move the output by 2; "
+            "the state (of a controllable realisation) stays at rest from T on (state rest).",
+            "Limits: -3 ≤ u(t) ≤ 4 for all t ≥ 0.",
+            "  The fuel ∫|u(t) - 0| dt of the move, from 0 to T, is at most 5.",
+            line,
+            "Not proven: one does it in at most 9 s.",
+        ]
+    for limits, words in (
+        ({"pulse_width": "2"}, "of at least 2 s. The"),
+        ({"pulses": 3}, "of any width, at most 3 of them. The"),
+        ({"pulse_width": "2", "pulses": 3}, "of at least 2 s, at most 3 of them. The"),
+    ):
+        pulsed = task(["1"], ["1", "0", "0"], "1", **limits)
+        *_, thrusters, widths, _ = claim(
+            check(certificate(pulsed, upper="9", witnesses=(None, command("9", [("0", "1")], []))))
+        ).splitlines()
+        assert thrusters == "  Thrusters: until T, u is -1, 1 or 0, in pulses (constant pieces other than that)"
+        assert widths == f"  {words} lower side is that of all inputs in the limits."
+
+
+@pytest.mark.parametrize(
+    ("of", "outcome"),
+    [
+        (task(["1"], ["1", "0"], fuel="0.9"), Outcome.PROVED),
+        (task(["1"], ["1", "0"], "-1", fuel="0.9"), Outcome.PROVED),
+        (task(["1"], ["1", "0"], fuel="1"), Outcome.INCONCLUSIVE),
+        (task(["1"], ["1", "0"], "-1", fuel="1.1"), Outcome.INCONCLUSIVE),
+        (task(["1"], ["1", "0"]), Outcome.INCONCLUSIVE),
+        (task(["1"], ["1", "0", "0"], fuel="0.9"), Outcome.INCONCLUSIVE),  # in time enough a little fuel moves it as far as you like
+        (task(["1"], ["1", "1", "0"], fuel="0.9"), Outcome.PROVED),
+        (task(["1"], ["1", "1", "0"], fuel="1.1"), Outcome.INCONCLUSIVE),
+        (task(["1", "1"], ["1", "0"], fuel="0.5", rest="output"), Outcome.INCONCLUSIVE),  # the tail is no part of the budget
+        (task(["1"], ["1", "0"], fuel="0.9", initial_state=["0.5"]), Outcome.INCONCLUSIVE),
+    ],
+)
+def test_where_too_little_fuel_makes_a_task_impossible(of: dict[str, Any], outcome: Outcome) -> None:
+    assert check(certificate(of, impossible="fuel")).outcome is outcome

@@ -184,7 +184,6 @@ def test_what_the_checker_calls_malformed() -> None:
         {"outputs": {"rate": ["0", "1"]}},
         {"outputs": {"rate": ["1"]}},  # this output rests at 1, beyond its limit
         {"rest": "output"},
-        {"sample_time": "0.5"},
     ):
         assert lower_side("2.4", [PRESS], **others) is Outcome.MALFORMED, others
     for change in ({"output": "speed"}, {"begin": "-1"}, {"begin": "3"}):

@@ -60,6 +60,8 @@ FACTS = {
     "emergency_stop": "3.1510411012",
     "swinging_load": acos(-1 / 4),
     "stop_and_return": 1 + sqrt(2),
+    "varying_crane": "6.9616579172",
+    "varying_gain": "1.5391950535",
     "pitch_state": "13.37",
     "pitch_tail": "3.31",
     "tail_touches_limits": "9.0910458905",
@@ -150,7 +152,7 @@ def test_switch_times_that_a_file_tells_are_those_of_the_command(collection: dic
         assert command is not None
         assert [segment.start for segment in command.segments[1:]] == pytest.approx(numbers, abs=5.1e-11)
         checked += 1
-    assert checked == 6
+    assert checked == 8
 
 
 def test_every_certificate_is_verified_in_one_fresh_process(certificates: Path, collection: dict[str, Bracketed]):
