@@ -17,7 +17,7 @@ from suite.table_text import BRACKET, bracket_cells
 from suite.tradeoffs import Point, Tradeoff, TradeoffError, stairs
 
 if TYPE_CHECKING:
-    from reports.charts import Sweep
+    from reports.tradeoff_charts import Sweep
 
 MOST_RANGES = 3  # parameters whose ranges are shown in the table
 NAMES = {0: "fastest for the nominal plant", 1: "with a further zero", 2: "with two further zeros"}
@@ -71,7 +71,8 @@ def draw(done: Tradeoff, path: Path) -> None:
 
 def picture(done: Tradeoff) -> str:
     """Minimum time against the tolerance, and against the width of the box, as SVG text that needs no page around it."""
-    from reports import charts
+    from reports.charts import Limit, standalone
+    from reports.tradeoff_charts import tradeoff
 
     tolerances = [100.0 * float(point.tolerance) for point in done.tolerances]
     axes = ", ".join(f"{axis.parameter} {axis.lower:g} to {axis.upper:g} {axis.unit}".rstrip() for axis in done.study.uncertainties)
@@ -91,13 +92,13 @@ def picture(done: Tradeoff) -> str:
         if command.worst is not None and command.bound.upper is not None
     }
     first = done.usual[0].bound.upper
-    reference = None if first is None else charts.Limit(first, f"nominal plant alone, exactly at rest: {first:.5g} s")
+    reference = None if first is None else Limit(first, f"nominal plant alone, exactly at rest: {first:.5g} s")
     title = done.study.title or done.study.file.stem
-    return charts.standalone(charts.tradeoff(f"{title}: minimum time, tolerance and box", sweeps, reference=reference, commands=marked))
+    return standalone(tradeoff(f"{title}: minimum time, tolerance and box", sweeps, reference=reference, commands=marked))
 
 
 def _sweep(label: str, title: str, points: tuple[Point, ...], values: list[float], own: Point, asks_more: int) -> Sweep:
-    from reports.charts import Sweep
+    from reports.tradeoff_charts import Sweep
 
     def sides(point: Point) -> tuple[float, float]:
         if point.bound is None or point.status == "impossible":

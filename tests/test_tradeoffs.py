@@ -14,8 +14,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from relaxations.checking.claims import Outcome, check
-from reports.charts import Limit, Sweep, tradeoff
+from reports.charts import Limit
 from reports.errors import RecordError
+from reports.tradeoff_charts import Sweep, tradeoff
 from suite.cli import main
 from suite.tradeoffs import TradeoffError, tolerances, widths
 
