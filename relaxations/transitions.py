@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 
@@ -99,7 +99,11 @@ class VaryingPlant:
     @cached_property
     def final(self) -> LinearPlant:
         """The constant plant after the last instant."""
-        return LinearPlant.from_state_space(self.A[-1], self.B[-1], self.C[-1], self.D[-1], name=self.output)
+        plant, last = LinearPlant.from_state_space(self.A[-1], self.B[-1], self.C[-1], self.D[-1], name=self.output), self.instants[-1]
+        varies = (
+            f"the plant varies until {float(last):.6g} s, its matrices linear between the instants; poles and modes are those afterwards"
+        )
+        return replace(plant, notes=(*plant.notes, *self.notes, varies))
 
     def rest(self, displacement: Fraction) -> tuple[Row, Fraction]:
         """The state and the input that hold the output `displacement` away; raises `PlantError` unless they do so at every instant."""
