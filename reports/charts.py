@@ -25,6 +25,7 @@ from reports.errors import RecordError
 
 # Stand-ins for the page's colours: matplotlib wants numbers, the page wants variables.
 _INK, _FAINT, _LINE, _SECOND, _LIMIT, _BAD, _UNSURE = "#010101", "#020202", "#030303", "#040404", "#050505", "#060606", "#070707"
+_FOURTH = "#080808"
 _COLOURS = {
     _INK: "var(--chart-ink, #3d444d)",
     _FAINT: "var(--chart-faint, #d5d9de)",
@@ -33,6 +34,7 @@ _COLOURS = {
     _LIMIT: "var(--chart-limit, #8a6d00)",
     _BAD: "var(--chart-bad, #b3261e)",
     _UNSURE: "var(--chart-unsure, #9a6700)",
+    _FOURTH: "var(--chart-fourth, #7b2d8b)",
 }
 _FONT = "var(--chart-font, system-ui, sans-serif)"
 _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions of matplotlib name
@@ -271,7 +273,7 @@ def sweeps(name: str, curves: Mapping[str, tuple[ArrayLike, ArrayLike]], *, para
 
 def _look(number: int) -> dict[str, Any]:
     """A colour and a line that tell this curve from its neighbours in print as well."""
-    styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2))), (_LINE, _SECOND, _INK, _BAD)
+    styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2))), (_LINE, _SECOND, _INK, _FOURTH)
     return {"color": colours[number % 4], "linestyle": styles[number % 4], "linewidth": 1.3}
 
 
