@@ -36,6 +36,7 @@ _COLOURS = {
     _UNSURE: "var(--chart-unsure, #9a6700)",
     _FOURTH: "var(--chart-fourth, #7b2d8b)",
 }
+INK, FAINT, LINE, SECOND, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _LIMIT, _BAD, _UNSURE  # of charts in other modules
 _FONT = "var(--chart-font, system-ui, sans-serif)"
 _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions of matplotlib name
     "axes.edgecolor": _INK,
@@ -335,12 +336,6 @@ def shaping(
             axes.margins(x=0.01)
             axes.legend(loc="best")
         return _svg(figure, name)
-
-
-class Palette:
-    """The colours of charts that are drawn in other modules."""
-
-    INK, FAINT, LINE, SECOND, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _LIMIT, _BAD, _UNSURE
 
 
 def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Axes]], None]) -> str:

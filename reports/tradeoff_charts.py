@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from reports import charts
-from reports.charts import Limit, Palette
+from reports.charts import BAD, FAINT, INK, LIMIT, LINE, SECOND, UNSURE, Limit
 from reports.errors import RecordError
 
 BESIDE = 4.0  # a command is marked up to this factor beyond the values of a sweep
@@ -58,12 +58,12 @@ def tradeoff(name: str, sweeps: Sequence[Sweep], *, reference: Limit | None, com
             axes.set_ylim(floor, ceiling)
             _sweep(axes, one, floor, ceiling)
             if reference is not None:
-                axes.axhline(reference.value, color=Palette.LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=reference.label, zorder=2)
+                axes.axhline(reference.value, color=LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=reference.label, zorder=2)
             axes.set_xlabel(one.label)
             axes.set_title(one.title, loc="left")
         for marker, (label, (value, time)) in zip("svPd", commands.items(), strict=False):
             if sweeps[0].values[0] / BESIDE <= value <= sweeps[0].values[-1] * BESIDE:
-                panels[0].plot(value, time, marker, color=Palette.SECOND, markersize=5.5, markeredgewidth=0, label=label, zorder=5)
+                panels[0].plot(value, time, marker, color=SECOND, markersize=5.5, markeredgewidth=0, label=label, zorder=5)
         panels[0].set_ylabel("minimum time [s]")
         entries: dict[str, Any] = {}
         for axes in panels:
@@ -79,16 +79,16 @@ def _sweep(axes: Any, one: Sweep, floor: float, ceiling: float) -> None:
     edges = np.repeat(x, 2)[1:-1]
     below = np.repeat([min(pair[0], ceiling) if pair[0] == pair[0] else floor for pair in one.between], 2)
     above = np.repeat([pair[1] if pair[1] == pair[1] else ceiling for pair in one.between], 2)
-    axes.fill_between(edges, floor, below, color=Palette.FAINT, alpha=0.8, linewidth=0, zorder=1, label="no command is this fast: proven")
+    axes.fill_between(edges, floor, below, color=FAINT, alpha=0.8, linewidth=0, zorder=1, label="no command is this fast: proven")
     axes.fill_between(
-        edges, below, np.maximum(above, below), color=Palette.FAINT, alpha=0.4, linewidth=0, zorder=1, label="not known between the points"
+        edges, below, np.maximum(above, below), color=FAINT, alpha=0.4, linewidth=0, zorder=1, label="not known between the points"
     )
     states = np.array(one.states)
     proven = states == "proved"
-    axes.plot(x[proven], upper[proven], color=Palette.LINE, linewidth=1.0, zorder=3)
+    axes.plot(x[proven], upper[proven], color=LINE, linewidth=1.0, zorder=3)
     marks = {
-        "proved": ("o", Palette.LINE, "minimum time, proven from both sides"),
-        "bracketed": ("D", Palette.UNSURE, "bracketed: not proven from both sides"),
+        "proved": ("o", LINE, "minimum time, proven from both sides"),
+        "bracketed": ("D", UNSURE, "bracketed: not proven from both sides"),
     }
     for state, (marker, colour, label) in marks.items():
         chosen = (states == state) & np.isfinite(upper)
@@ -97,9 +97,9 @@ def _sweep(axes: Any, one: Sweep, floor: float, ceiling: float) -> None:
             look: dict[str, Any] = {} if state == "proved" else {"markerfacecolor": "none"}
             axes.plot(x[chosen], upper[chosen], marker, color=colour, markersize=4.5, label=label, zorder=4, **look)
     lost = {
-        "X": (states == "impossible", "impossible in any time: proven", Palette.BAD, 0.96),
-        "^": ((states == "bracketed") & ~np.isfinite(upper), "no command was found", Palette.UNSURE, 0.96),
-        "x": (states == "refused", "no such task", Palette.INK, 0.03),
+        "X": (states == "impossible", "impossible in any time: proven", BAD, 0.96),
+        "^": ((states == "bracketed") & ~np.isfinite(upper), "no command was found", UNSURE, 0.96),
+        "x": (states == "refused", "no such task", INK, 0.03),
     }
     for marker, (chosen, label, colour, height) in lost.items():
         if np.any(chosen):
@@ -108,7 +108,7 @@ def _sweep(axes: Any, one: Sweep, floor: float, ceiling: float) -> None:
     drawn = np.isfinite(upper[one.own])
     ring: dict[str, Any] = {} if drawn else {"transform": axes.get_xaxis_transform()}
     height = upper[one.own] if drawn else lost["x" if states[one.own] == "refused" else "X"][3]
-    axes.plot(x[one.own], height, "o", color=Palette.INK, markersize=10.0, markerfacecolor="none", label="this study", zorder=5, **ring)
+    axes.plot(x[one.own], height, "o", color=INK, markersize=10.0, markerfacecolor="none", label="this study", zorder=5, **ring)
     if one.logarithmic:
         axes.set_xscale("log")
         ticks = x if len(x) <= MOST_TICKS else np.array([t for t in ROUND if x[0] <= t <= x[-1]])
