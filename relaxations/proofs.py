@@ -8,8 +8,10 @@ bracket ──► extremal, 45 digits ──► certificate of both sides       
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -20,18 +22,22 @@ from numpy.typing import NDArray
 from relaxations import certificates, programs
 from relaxations.bounds import (
     CUTS,
+    FLAT,
+    NEAR,
     Bound,
     Settings,
     Status,
     bracket,
     contacts,
     cut,
+    exponent_of,
     instants,
 )
 from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
 from relaxations.courses import respects
+from relaxations.degenerate import settled
 from relaxations.duality import Costate
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
@@ -39,7 +45,7 @@ from relaxations.plants import fraction
 from relaxations.polishing import Polished, polish
 from relaxations.prices import Prices
 from relaxations.refinement import Extremal, outline
-from relaxations.repair import SNAP, pivots
+from relaxations.repair import SNAP, pivots, zoomed
 from relaxations.robust import further, minimum
 from relaxations.robust_proofs import robust_time
 from relaxations.sampling import sampled_bracket
@@ -54,6 +60,9 @@ SMALL = 1e-7
 
 BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
+
+CLOSEST, ZOOMS, ZOOMED = 1e-8, 4, (1e-9, 3e-9, 1e-8, 3e-8, 1e-7)
+"""Gap above which that is tried on denser grids too; how often cells are cut where the command changes; how far beyond it may go then."""
 
 TRIED = 12  # commands of pulses, the shortest ones, whose proof is tried
 
@@ -191,9 +200,14 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
     if isinstance(extremal, Extremal) and extremal is found.dual and proof.upper is None:
         upper = _refined(problem, task, extremal, found)
         proof = Proof(proof.lower, upper, found.command if upper else None, found.switches if upper else None)
+    if isinstance(extremal, Extremal) and proof.upper is None:
+        proof = proof.better(settled(problem, task, extremal))
     above: programs.GridSolution | None = None
     if proof.upper is None and found.upper is not None:
         repaired, above = _repaired(problem, task, _grids(problem, found, settings))
+        if repaired.upper is None or repaired.upper.claim > found.lower * (1.0 + CLOSEST):
+            closer, nearer = _repaired(problem, task, _closer(problem, found, settings))
+            repaired, above = repaired.better(closer), nearer or above
         proof = proof.better(repaired)
     if proof.lower is None:
         for dual in (found.dual, above):
@@ -260,6 +274,21 @@ def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: 
     segments = tuple(Segment(start, level) for start, level in arcs.items())  # of arcs that a double cannot tell apart the last
     terms = problem.tail.terms(np.array([float(c) for c in polished.tail]))
     return Command(float(upper), segments, Tail(problem.absolute(problem.hold), terms))
+
+
+def _closer(problem: Problem, found: Bound, settings: Settings) -> Iterator[tuple[Reals, float]]:
+    """Grids a little beyond a bracket's lower side, very dense where the command changes, as `_grids` has them."""
+    if not problem.switched or problem.maneuver.sample_time is not None or not found.lower:
+        return
+    grid = instants(problem, found.lower, settings)
+    with suppress(SolverError):
+        for _ in range(ZOOMS):
+            solution = cut(problem, grid, 0.0)
+            exponent, off = exponent_of(solution), -math.log(max(solution.fraction, 1e-300))
+            if exponent <= FLAT or abs(off / exponent) > NEAR:
+                return
+            grid = zoomed(solution) * math.exp(off / exponent)
+        yield from ((grid * (1.0 + beyond), beyond / 4.0) for beyond in ZOOMED)
 
 
 def _grids(problem: Problem, found: Bound, settings: Settings) -> Iterator[tuple[Reals, float]]:

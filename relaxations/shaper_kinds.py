@@ -93,7 +93,10 @@ class Made:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One family: how its name is written, what it is, which further options it takes, and how it is made from (request, number)."""
+    """One family: how its name is written, what it is, which further options it takes, and how it is made from (request, number).
+
+    `zeros` says where it leaves nothing, and how many derivatives vanish there; None where other demands make it.
+    """
 
     written: str
     pattern: str
@@ -101,6 +104,7 @@ class Kind:
     make: Callable[[Request, int], Made]
     takes: frozenset[str] = frozenset()
     needs: frozenset[str] = frozenset()
+    zeros: Callable[[Request, int], tuple[tuple[Mode, ...], int]] | None = None
 
 
 OPTIONS = ("negative", "sums", "sample_time", "simultaneous", "pulse", "height", "impulses", "deflection")
@@ -352,24 +356,43 @@ def _bounds(sums: tuple[float, float]) -> tuple[Fraction, Fraction]:
     return low, high
 
 
+def _all(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
+    return request.modes, number
+
+
+def _once(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
+    return request.modes, 0
+
+
+def _between_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
+    return tuple(zero for mode in request.modes for zero in extra_insensitive(mode, request.tolerance, number).zeros), 0
+
+
+def _between_unity_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
+    return tuple(zero for mode in request.modes for zero in unity_magnitude(mode, request.tolerance, number).zeros), 0
+
+
 _EITHER = frozenset({"simultaneous", "pulse"})
 _PULSE = frozenset({"pulse"})
 KINDS = (
     # It takes every option, so that a request can be compared with what is left without a shaper by changing one word.
     Kind("none", "none", "unshaped: one impulse at once", _unshaped, frozenset(OPTIONS)),
     Kind("zv, zvd, zvdd, zv-d:N", r"zv(?:(?P<d>d*)|-d:(\d+))", "zero vibration, and N derivatives of it", _derivatives,
-         _EITHER | {"sample_time"}),
-    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps, _PULSE),
-    Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE),
+         _EITHER | {"sample_time"}, zeros=_all),
+    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps, _PULSE,
+         zeros=_between_humps),
+    Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE, zeros=_once),
     Kind("si", "si", "the shortest within the tolerance over the band", _insensitive, _EITHER),
-    Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity, _EITHER),
-    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _PULSE),
-    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _PULSE | {"negative"}, frozenset({"negative"})),
+    Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity, _EITHER, zeros=_all),
+    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _PULSE,
+         zeros=_between_unity_humps),
+    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _PULSE | {"negative"}, frozenset({"negative"}),
+         _once),
     Kind("sums-zv, sums-zvd, sums-zv-d:N", r"sums-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest with partial sums within bounds", _sums,
-         _EITHER | {"sums"}, frozenset({"sums"})),
+         _EITHER | {"sums"}, frozenset({"sums"}), _all),
     Kind("pulses-zv, pulses-zvd, pulses-zv-d:N", r"pulses-zv(?:(?P<d>d*)|-d:(\d+))", "pulses of one height and variable duration", _on_off,
-         frozenset({"height", "sample_time", "simultaneous"}), frozenset({"height"})),
+         frozenset({"height", "sample_time", "simultaneous"}), frozenset({"height"}), _all),
     Kind("dl-zv, dl-zvd, dl-zv-d:N", r"dl-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest that deflects no mode beyond a limit", _deflected,
-         _EITHER | {"deflection", "sums", "sample_time"}, frozenset({"deflection"})),
+         _EITHER | {"deflection", "sums", "sample_time"}, frozenset({"deflection"}), _all),
     Kind("custom", "custom", "impulses that are given", _given, _PULSE | {"impulses"}, frozenset({"impulses"})),
 )  # fmt: skip

@@ -92,10 +92,7 @@ def varying_problem(plant: VaryingPlant, maneuver: Maneuver) -> Problem:
         TailSpace((), np.zeros((plant.order, 0)), upper, -lower),
         float(final),
         None if limits.fuel is None else float(limits.fuel),
-        notes=(
-            *plant.notes,
-            f"the plant varies until {float(plant.instants[-1]):.6g} s, its matrices linear between the instants",
-        ),
+        notes=plant.final.notes,
         transition=transition,
     )
 

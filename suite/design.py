@@ -175,18 +175,3 @@ def on_grid(study: Study, made: Design) -> Design:
         why = f"the FMU takes communication steps of {step!r} s only: {sampled.reason or sampled.status.value}"
         raise StudyError(str(study.file), [Mistake("command", ABSENT, why)])
     return replace(made, command=sampled.command.shifted(float(study.command.start)), sampled=sampled, step=step)
-
-
-def bound_record(bound: Bound, command: Command | None, rest: float, certificate: str | None = None) -> dict[str, object]:
-    """The object that `slewcert bound --json` prints (docs/schemas.md); `rest` is the input at the initial rest."""
-    impossible = bound.status is Status.IMPOSSIBLE
-    found = {
-        "status": bound.status.name.lower(),
-        "maneuver_time": None if impossible else {"lower": bound.lower, "upper": bound.upper},
-        "command": None if command is None else command.to_dict(),
-        "switches": bound.switches,
-        "fuel": None if command is None else command.fuel(rest),
-        "certificate": certificate,
-        "seconds": round(bound.seconds, 6),
-    }
-    return found if bound.reason is None else {**found, "reason": bound.reason}

@@ -16,9 +16,10 @@ from relaxations.bounds import Bound
 from relaxations.response import jumps
 from relaxations.sensitivity import residual
 from reports import charts, files, junit, layouts, logs, manifest, pages
+from suite.bound_records import bound_record
 from suite.campaign import RunResult
 from suite.checks import CERTIFICATE, ON_GRID, trusted
-from suite.design import Design, bound_record
+from suite.design import Design
 from suite.observations import INPUT, observe
 from suite.quantities import Observation
 from suite.quantity_names import UnitKind

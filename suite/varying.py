@@ -100,7 +100,6 @@ def _along(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value], instant
         natural = np.abs(np.column_stack([one.A, one.B])) @ one.sizes
         if np.any(np.abs(one.rates[reached]) > REST * natural[reached]) or abs(one.y - found[0].y) > REST * max(1.0, abs(found[0].y)):
             raise PlantError(f"{name} moves by itself what its input moves, {one.settled:.6g} s after it starts: it does not begin at rest")
-    told = (
-        f"the plant is {name} along its own motion from where it starts, {found[0].method}, at {len(found)} instants; {found[-1].summary}"
-    )
+    worst = max(one.error for one in found)
+    told = f"the plant is {name} along its own motion, by {found[0].method} at {len(found)} instants (relative error about {worst:.1g})"
     return replace(varying, notes=(*varying.notes, told))

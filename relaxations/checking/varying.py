@@ -120,7 +120,7 @@ def steps(schedule: Any, start: arb_mat, end: arb) -> Iterator[Step]:
                 raise Undecided("the plant's matrices are too large to follow its transition")
         if room is not None and length >= room:
             length = room
-        spend(count * (2 * n + 2 * rows.nrows()))
+        spend(count * (4 + n * n * rows.nrows() / 8))
         series = [rows]
         for k in range(count):
             series.append(product(series, (A, rise), k) / -(k + 1))
@@ -190,6 +190,7 @@ def lower_side(task: Varying, witness: Any, time: fmpq) -> None:
         fine and len(chains[0].coefficients) == len(task.state), "the costate of a plant that varies is one chain, a number for each state"
     )
     numbers = [re for re, _ in chains[0].coefficients]
+    require(not any(im for _, im in chains[0].coefficients), "the costate of a plant that varies is real")
     gain = arb(sum((a * b for a, b in zip(numbers, task.state, strict=True)), fmpq(0)) - witness.fuel * (task.task.limits.fuel or 0))
     if not gain > 0:
         raise Refuted("the lower bound's inequality (2) is false for this costate, whatever the input")
@@ -225,13 +226,14 @@ def upper_side(task: Varying, witness: Any, time: fmpq) -> None:
     def seen(instant: arb | fmpq, integrated: bool) -> arb_mat:
         """g or its integral from 0 at an instant: over its ball, of all steps that it meets."""
         at, found = arb(instant), None
+        spend(len(motion) / 4)
         if not 0 <= at <= followed:
             raise Undecided("an instant of the command is outside the time that was followed")
         for i, step in enumerate(motion):
             tau = at - arb(step.begin)
             if tau < 0 or tau > arb(step.length):
                 continue
-            spend(len(step.rows) * size)
+            spend(len(step.rows) * (2 + size * size / 8))
             tau = inside(tau, arb(step.length))
             value = begun[i] + step.step(tau) if integrated else step.impulse(tau)
             found = (
