@@ -300,7 +300,9 @@ def _prices(
     pressed = presses(posed.courses, motion.places, held, program.instants, spread) if motion is not None else ()
     ramps = priced(program.instants, levels, posed.rate, fuel) if posed.rate and slope is Slope.RAMPS else ()
     up, down = (np.maximum(compiled[name].dual_value, 0.0) for name in ("up", "down")) if slope is Slope.STEPS else (np.zeros(0),) * 2
-    steps = (landing / scale,) if landing and ramps and ramps[0].edges[0] == 0.0 else tuple(float(x) for x in (up - down)[::-1] / scale)
+    steps = tuple(float(x) for x in (up - down)[::-1] / scale)
+    if posed.tail.size and landing and ramps and ramps[0].edges[0] == 0.0:
+        steps = (landing / scale,)
     names = [None, *(aspect.name for aspect in posed.tail.aspects)]
     own = [(i, program.unit[i] / scale) for i in np.flatnonzero(program.aspect)] if posed.tail.aspects else []
     after = ((names[program.aspect[i]], float(program.looks[i]), float(tail[0][i] * u), float(tail[1][i] * u)) for i, u in own)

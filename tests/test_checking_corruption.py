@@ -19,7 +19,8 @@ from typing import Any
 import independent
 import numpy as np
 import pytest
-from forgery import certificate, forged, number, opened, proven, proven_tail, task, written
+from flint import fmpq, fmpq_poly
+from forgery import certificate, forged, number, opened, proven, proven_limited, proven_tail, task, written
 from independent_limits import Limited
 
 from relaxations.bounds import bracket
@@ -47,6 +48,15 @@ STATE = (
 )
 OUTPUT = ("real_zero", "pitch", "complex_zeros", "double_zero", "rest_on_a_limit", "short_tail", "at_once", "at_once_on_a_limit")
 OUTPUT += ("insensitive_real", "insensitive_pair")
+
+
+LIMITS = ("speed", "steps", "steps_from_a_start", "stop", "stop_limited", "fuel_and_speed", "tail_of_limited_slope")
+
+
+@cache
+def limited_originals() -> tuple[bytes, ...]:
+    """Of limits of outputs and slopes, and several together."""
+    return tuple(map(proven_limited, LIMITS))
 
 
 @cache
@@ -194,6 +204,40 @@ def another_radius(data: Any, rng: random.Random) -> None:
         data["upper"]["radius"] = written(Fraction(10) ** rng.randint(-40, 3))
 
 
+def drop_a_multiplier(data: Any, rng: random.Random) -> None:
+    """One of a limit's terms less, or another weight of it."""
+    lower = data["lower"] or {}
+    lists = [lower[name] for name in ("deflection", "ramps", "steps", "after", "tail") if lower.get(name)]
+    if lists:
+        terms = rng.choice(lists)
+        i = rng.randrange(len(terms))
+        if rng.random() < 0.5:
+            terms.pop(i)
+        elif isinstance(terms[i], dict):
+            name = rng.choice([name for name, value in terms[i].items() if isinstance(value, str) and name != "output"] or ["levels"])
+            terms[i][name] = nudge(terms[i][name], rng) if isinstance(terms[i][name], str) else terms[i][name][:-1]
+        else:
+            terms[i] = nudge(terms[i], rng)
+
+
+def another_limit(data: Any, rng: random.Random) -> None:
+    """A tighter or a wider limit of an output, the slope, the fuel, or another start; one side stays, which may even stay true."""
+    data["claim"][rng.choice(("lower", "upper"))] = None
+    limits, start = data["task"]["limits"], data["task"]["initial_state"]
+    match rng.randrange(4):
+        case 0 if limits["deflection"]:
+            (name,) = limits["deflection"]
+            limits["deflection"][name] = nudge(limits["deflection"][name], rng)
+        case 1 if limits["rate"]:
+            i = rng.randrange(2)
+            limits["rate"][i] = nudge(limits["rate"][i], rng)
+        case 2 if start:
+            i = rng.randrange(len(start))
+            start[i] = nudge(start[i], rng)
+        case _:
+            limits["rate"] = rng.choice((None, ["-2", "2"], ["-50", "50"]))
+
+
 WAYS: tuple[Callable[[Any, random.Random], None], ...] = (
     change_a_number,
     change_a_digit,
@@ -210,10 +254,13 @@ WAYS: tuple[Callable[[Any, random.Random], None], ...] = (
 )
 
 
-def tampered(seed: int) -> tuple[str, bytes]:
+LIMIT_WAYS = (*WAYS, *(drop_a_multiplier, another_limit, lie_about_a_side) * 3)
+
+
+def tampered(seed: int, limited: bool = False) -> tuple[str, bytes]:
     """A certificate, tampered with in one way or two and signed again; or some of its bytes changed, signed again if it still is JSON."""
-    rng = random.Random(f"tampered {seed}")
-    content = rng.choice(originals())
+    rng = random.Random(f"tampered {seed}{' with limits' if limited else ''}")
+    content = rng.choice(limited_originals() if limited else originals())
     if rng.random() < 0.1:
         raw = bytearray(content)
         for _ in range(rng.randint(1, 3)):
@@ -223,7 +270,7 @@ def tampered(seed: int) -> tuple[str, bytes]:
         except (ValueError, AttributeError, TypeError):
             return "bytes", bytes(raw)
     data, names = opened(content), []
-    for way in rng.choices(WAYS, k=rng.choice((1, 1, 2))):
+    for way in rng.choices(LIMIT_WAYS if limited else WAYS, k=rng.choice((1, 1, 2))):
         try:
             way(data, rng)
         except (KeyError, IndexError, TypeError, ValueError, ZeroDivisionError):  # what the first change left does not suit the second
@@ -240,15 +287,28 @@ def posed(data: dict[str, Any]) -> Problem:
     of = data["task"]
     (plant,), (low, high), length = of["plants"], of["limits"]["input"], of["limits"]["tail_length"]
     linear = LinearPlant.from_transfer(*([number(c) for c in plant[name]] for name in ("numerator", "denominator")))
+    outputs = {
+        name: fmpq_poly([fmpq(c.numerator, c.denominator) for c in map(number, written[::-1])])
+        for name, written in plant["outputs"].items()
+    }
+    linear = LinearPlant(linear.denominator, {**linear.numerators, **outputs}, linear.output, linear.notes)
+    limits, rate = of["limits"], of["limits"]["rate"]
     maneuver = Maneuver(
         number(of["displacement"]),
-        Limits.of(number(low), number(high), of["limits"]["fuel"] and number(of["limits"]["fuel"])),
+        Limits(
+            number(low),
+            number(high),
+            None if limits["fuel"] is None else number(limits["fuel"]),
+            deflection={name: number(limit) for name, limit in limits["deflection"].items()},
+            rate=rate and (number(rate[0]), number(rate[1])),
+        ),
         number(of["initial_input"]),
         {name: count for name, count in plant["zeros"].items() if count},
         tail=of["rest"] == "output",
         tail_length=(number(length["time"]), number(length["within"])) if length else None,
         sample_time=None if of["limits"]["sample_time"] is None else number(of["limits"]["sample_time"]),
         zero_sensitivity={name: (number(p["shift"]), number(p["residual"])) for name, p in of["limits"]["zero_sensitivity"].items()},
+        initial=None if of["initial_state"] is None else tuple(map(number, of["initial_state"])),
     )
     return problem([linear], maneuver)
 
@@ -273,8 +333,12 @@ def judged_otherwise(data: dict[str, Any]) -> bool:
     model, displacement = independent.StateSpace.of(of.plants[0]), float(of.maneuver.displacement)
 
     def reach(time: float) -> float:
-        if of.fuel is not None:
-            return Limited(of.plants[0], displacement, of.lower, of.upper, of.fuel).fraction(time, 200)
+        if of.fuel is not None or of.rate or of.courses or of.begin is not None:
+            step, deflections = of.maneuver.sample_time, {course.name: course.limit for course in of.courses}
+            count = round(time / float(step)) if step else 100
+            limits, start = (of.fuel, of.rate, deflections), [float(x) for x in of.maneuver.initial or ()]
+            other = Limited(of.plants[0], displacement, of.lower, of.upper, *limits, start, None if step is None else float(step), looks=2)
+            return other.fraction(time, max(count, 1))
         return independent.reachable_fraction(model, displacement, of.lower, of.upper, time, 200)
 
     if claim["impossible"]:
@@ -313,17 +377,19 @@ def is_true(data: dict[str, Any]) -> bool:
         return judged_otherwise(data)
     if data["claim"]["impossible"]:
         return above == float("inf")
-    slack = SLACK if data["task"]["limits"]["fuel"] is None else LIMITED
+    limits = data["task"]["limits"]
+    slack = SLACK if limits["fuel"] is None and limits["rate"] is None and not limits["deflection"] else LIMITED
     fine = lower is None or float(number(lower)) <= above * (1 + slack)
     return fine and (upper is None or float(number(upper)) >= below * (1 - slack))
 
 
-def judge(seeds: range) -> Counter[str]:
+def judge(seeds: range, limited: bool = False) -> Counter[str]:
     """Check certificates; count outcomes, and the true claims about tasks that no original is about."""
     counts: Counter[str] = Counter()
-    tasks = {json.dumps(opened(content)["task"], sort_keys=True) for content in originals()}
+    known = limited_originals() if limited else originals()
+    tasks = {json.dumps(opened(content)["task"], sort_keys=True) for content in known}
     for seed in seeds:
-        how, content = tampered(seed)
+        how, content = tampered(seed, limited)
         found = check(content)
         counts[found.outcome.value] += 1
         if found.outcome is Outcome.PROVED:
@@ -337,6 +403,17 @@ def test_tampered_certificates_are_never_believed() -> None:
     counts = judge(range(500))
     assert all(counts[outcome.value] >= 20 for outcome in Outcome), counts  # the lies are of every kind
     assert counts["elsewhere"] >= 5, counts
+
+
+def test_tampered_certificates_of_further_limits_are_never_believed() -> None:
+    counts = judge(range(80), limited=True)
+    assert all(counts[outcome.value] for outcome in Outcome), counts
+
+
+@pytest.mark.slow
+def test_thousands_of_tampered_certificates_of_further_limits_are_never_believed() -> None:
+    counts = judge(range(1000, 5000), limited=True)
+    assert all(counts[outcome.value] >= 100 for outcome in Outcome), counts
 
 
 @pytest.mark.slow
@@ -362,10 +439,12 @@ def test_two_hundred_tampered_certificates_through_the_command(tmp_path: Path) -
 
 def test_the_originals_are_true_and_their_lies_are_not() -> None:
     """The judge can tell: a side moved by 1e-4 of itself is called false."""
-    for content in originals():
+    for content in (*originals(), *limited_originals()):
         data = opened(content)
         assert is_true(data)
-        for side, factor in (("lower", Fraction(10_001, 10_000)), ("upper", Fraction(9_999, 10_000))):
+        sampled = data["task"]["limits"]["sample_time"] is not None or content in limited_originals()
+        grown = Fraction(1, 10 if sampled else 10_000)  # by a sample, or more than the grid leaves open
+        for side, factor in (("lower", 1 + grown), ("upper", 1 - grown)):
             if data["claim"][side] not in (None, "0"):
                 lie = {
                     **data,

@@ -8,11 +8,14 @@ from math import sqrt
 from typing import Any
 
 import pytest
+from box_tasks import TWIN, axis
 from forgery import certificate, changed, command, costate, number, opened, task, written
 from problems import transfer, two_mass
 from random_limits import limiting
 
+from fmus.twins import twin_family
 from relaxations.bounds import Bound, Status
+from relaxations.boxes import Box
 from relaxations.checking.claims import Outcome, check, claim
 from relaxations.errors import ManeuverError
 from relaxations.initial import from_output
@@ -280,3 +283,19 @@ def test_a_start_and_a_tail() -> None:
     hidden = LinearPlant.from_transfer([1, 2], [1, 3, 2])
     with pytest.raises(ManeuverError, match="modes that the output cannot see"):
         problem([hidden], Maneuver(Fraction(1, 2), Limits.of(-1, 1), tail=True, initial=(Fraction(1), Fraction(0))))
+
+
+@pytest.mark.slow
+def test_samples_of_limited_steps_for_a_box() -> None:
+    stiffness = axis("stiffness", "0.2")
+    family = twin_family(TWIN, "x2", ["stiffness"], {"damping": "0"})
+
+    def robust(rate: tuple[str, str] | None) -> tuple[float, float]:
+        box = Box((stiffness,), family, Fraction(1, 20))
+        maneuver = Maneuver(Fraction(1), Limits.of(-1, 1, rate=rate), box=box, sample_time=Fraction(1, 10))
+        return sides(minimum_time(problem([family.member([Fraction(1)])], maneuver)), 0.05)
+
+    assert robust(("-3", "3"))[0] > robust(None)[1]  # 5.4 s without
+    slopes = Limits.of(-1, 1, rate=("-3", "3"))
+    with pytest.raises(ManeuverError, match="unless there is a sample time"):
+        problem([family.member([Fraction(1)])], Maneuver(Fraction(1), slopes, box=Box((stiffness,), family, Fraction(1, 20))))

@@ -168,7 +168,7 @@ def inside(tail: Wave, start: arb, end: arb, room: tuple[fmpq, fmpq], first: fmp
             continue
         if value > above or value < -below:
             raise Refuted("the tail leaves the limits")
-        if not (a < c < b and -below <= value <= above and b * 2**60 > end):
+        if not (a < c < b and -below <= value <= above):
             raise Undecided("the tail is not told from a limit at this precision")
         waiting += [(a, c), (c, b)]
 
