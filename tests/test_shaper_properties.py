@@ -14,8 +14,9 @@ from relaxations.humps import extra_insensitive
 from relaxations.impulses import derivative_shaper
 from relaxations.insensitive import specified
 from relaxations.sensitivity import residual
-from relaxations.shaper_kinds import Request, make
+from relaxations.shaper_kinds import make
 from relaxations.shaper_modes import Mode
+from relaxations.shaper_requests import Request
 from relaxations.shapers import Shaper, convolve
 
 KINDS = {
