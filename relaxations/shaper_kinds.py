@@ -266,9 +266,10 @@ def _deflected(request: Request, number: int) -> Made:
     found = deflection_limited(request.modes, limit, sums, number, request.sample_time)
     least = _within_sums(request.modes, sums, number, "these zeros, whatever they deflect")
     taken = _down(found.needed * exact(repr(found.step)))
-    if found.needed and (least is None or least.duration < taken):
+    # Drawn out to pulses a sequence deflects less: what is proven with a limit says nothing of those.
+    if request.pulse is None and found.needed and (least is None or least.duration < taken):
         what = f"these zeros at multiples of {found.step!r} s that deflect no mode by more than {limit:g} there, which need {found.needed}"
-        least = _least(taken, _summed(sums, what), request.modes)
+        least = _least(taken, _summed(sums, what))
     return Made(found.shaper, least)
 
 
