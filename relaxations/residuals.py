@@ -76,6 +76,7 @@ class Sample:
         fine = np.linspace(0.0, self.lasts, int(24 * self.lasts * self.fastest / (2 * np.pi)) + 3)
         course = self.rows(fine) @ moments
         turns = np.flatnonzero((course[1:-1] - course[:-2]) * (course[2:] - course[1:-1]) <= 0.0) + 1
+        turns = np.append(turns, 1)  # it may turn before the first instant of the grid
         y0, y1, y2 = course[turns - 1], course[turns], course[turns + 1]
         with np.errstate(divide="ignore", invalid="ignore"):
             shift = np.nan_to_num((y0 - y2) / (2 * (y0 - 2 * y1 + y2)), posinf=0.0, neginf=0.0)
