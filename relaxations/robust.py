@@ -35,7 +35,8 @@ EXCESS = 1e-7  # relative: a tolerance that is exceeded by less is left to the h
 ROUGH = 1e-3  # of α, before the first places are sought
 TOLERANCE = 1e-7  # of α: closer to the root is closer than the grid
 ROUNDS = 60
-TOPS = 12  # local maxima over the box that become samples in one round, the worst ones
+NEARLY = 0.99  # of the tolerance: a local maximum of the grid so close to it is looked at more closely
+TOPS = 12  # local maxima over the box that are looked at in one round, the worst ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,12 +172,15 @@ def _worst(posed: Problem, instants: Reals, levels: Reals, factor: float) -> lis
     command, allowed = Staircase.of(instants, levels, posed.hold), residuals.allowed * factor
     if isinstance(box.family, Listed):
         samples = ((place, Sample.of(place, plant, posed.hold)) for place, plant in box.family.plants)
-        return [place for place, sample in samples if sample.peaks(sample.table(instants) @ levels - sample.rest)[1].max() > allowed]
+        return [
+            place for place, sample in samples if sample.peaks(sample.table(instants) @ levels - sample.rest, allowed)[1].max() > allowed
+        ]
     sides = [np.linspace(float(a.low), float(a.high), _fine(box)) if a.high > a.low else np.array([float(a.low)]) for a in box.axes]
-    sizes = _scan(box, posed).sizes(command, PERIODS).reshape([len(side) for side in sides])
-    over = [at for at in np.ndindex(*sizes.shape) if sizes[at] > allowed and sizes[at] >= _around(sizes, at).max()]
-    over.sort(key=lambda at: -sizes[at])
-    return [_top(box, posed, command, np.array([side[i] for side, i in zip(sides, at, strict=True)])) for at in over[:TOPS]]
+    sizes = _scan(box, posed).sizes(command, PERIODS, allowed).reshape([len(side) for side in sides])
+    near = [at for at in np.ndindex(*sizes.shape) if sizes[at] > NEARLY * allowed and sizes[at] >= _around(sizes, at).max()]
+    near.sort(key=lambda at: -sizes[at])
+    tops = (_top(box, posed, command, allowed, np.array([side[i] for side, i in zip(sides, at, strict=True)])) for at in near[:TOPS])
+    return [place for place, size in tops if size > allowed]
 
 
 def _fine(box: Box) -> int:
@@ -198,20 +202,22 @@ def _around(sizes: Reals, at: tuple[int, ...]) -> Reals:
     return sizes[tuple(slice(max(i - 1, 0), i + 2) for i in at)]
 
 
-def _top(box: Box, posed: Problem, command: Staircase, start: Reals) -> Place:
-    """The local maximum of the residual near a place, by grids that shrink around the best place so far."""
+def _top(box: Box, posed: Problem, command: Staircase, allowed: float, start: Reals) -> tuple[Place, float]:
+    """The local maximum of the residual near a place, and its size, by grids that shrink around the best place so far."""
     assert isinstance(box.family, Family)
     low, high = (np.array([float(side) for side in sides]) for sides in zip(*((a.low, a.high) for a in box.axes), strict=True))
-    count, width, best = NEARER.get(len(box.axes), 3), (high - low) / (_fine(box) - 1), start
+    count, width, best, size = NEARER.get(len(box.axes), 3), (high - low) / (_fine(box) - 1), start, 0.0
     for _ in range(ZOOMS):
         values = [
             np.linspace(max(x - w, a), min(x + w, b), count) if w > 0 else np.array([x])
             for x, w, a, b in zip(best, width, low, high, strict=True)
         ]
         places = np.array([*itertools.product(*values), best])
-        best = places[int(np.argmax(Scan.of(box.family, posed.size, places).sizes(command, PERIODS)))]
+        sizes = Scan.of(box.family, posed.size, places).sizes(command, PERIODS, allowed)
+        best, size = places[int(np.argmax(sizes))], float(sizes.max())
         width = width / SHRUNK
     shares = (round(float(s) * 2**24) for s in (best - low) / np.where(high > low, high - low, 1.0))
-    return tuple(
+    place = tuple(
         axis.low + (axis.high - axis.low) * Fraction(min(max(s, 0), 2**24), 2**24) for s, axis in zip(shares, box.axes, strict=True)
     )
+    return place, size

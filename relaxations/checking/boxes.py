@@ -19,11 +19,12 @@ from typing import Any
 from flint import acb, acb_series, arb, fmpq
 
 from relaxations.checking.balls import Root, System, Wave, spend
-from relaxations.checking.families import Moved, Written, family, mirrored
+from relaxations.checking.families import Moved, Written, family
 from relaxations.checking.members import Numbers, halved, lands
 from relaxations.checking.reading import Refuted, Undecided, require
 
 Jumps = Sequence[tuple[arb, arb]]
+Way = tuple[int, ...]  # the parameters that grow along it; of the lines through a cell none
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,25 +123,46 @@ class Around:
         """At the centre, along some way."""
         return next(iter(self.ways.values()))
 
-    def spread(self, along: Callable[[Motion], acb_series]) -> arb:
-        """How far a real function is from its value at the centre, in the cell."""
-        terms, total = {way: along(motion) for way, motion in self.ways.items()}, abs(along(self.whole)[3].real)
-        for (q, k), own in terms.items():
+    def terms(self, along: Callable[[Way, Motion], acb_series]) -> tuple[list[acb], arb]:
+        """The terms of Taylor's formula about the centre, at most: derivatives times half widths, in a fixed order; and |f_3|."""
+        lines, found = {way: along(way, motion) for way, motion in self.ways.items()}, []
+        for (q, k), own in lines.items():
             if q == k:
-                total += abs(own[1].real) * self.radii[q] + abs(own[2].real) * self.radii[q] ** 2
+                found += [own[1] * self.radii[q], own[2] * self.radii[q] ** 2]
             else:
-                total += abs((own[2] - terms[q, q][2] - terms[k, k][2]).real) * self.radii[q] * self.radii[k]
-        return total
+                found.append((own[2] - lines[q, q][2] - lines[k, k][2]) * self.radii[q] * self.radii[k])
+        return found, abs(along((), self.whole)[3])
+
+    def drift(self, span: arb) -> arb:
+        """How far r(τ) is from what it is at the centre, in the cell, for the instants of a ball."""
+        terms, last = self.terms(lambda _, motion: motion.course(span))
+        return sum((abs(term.real) for term in terms), last)
 
     def moduli(self) -> arb:
-        """`Σ |Z_j|` over the cell, at most."""
-        smooth = [j for j, size in enumerate(self.whole.sizes) if not size[0].contains(0)]  # elsewhere |Z| has no derivative
+        """`Σ |Z_j|` over the cell, at most.
 
-        def total(motion: Motion) -> acb_series:
-            return sum(((motion.sizes[j] * mirrored(motion.sizes[j])).sqrt() for j in smooth), acb_series([0]))
+        With the real part x_j and the imaginary part y_j of `Z_j e^{-j(α_j + β_j (θ - c))}`, where y_j and its slopes are 0 at the centre,
+        |Z_j| ≤ x_j + y_j²/(2 x_j). Of the x_j the terms at the centre are summed before their sizes are taken.
+        """
+        bound, together = arb(0), [acb(0)] * len(self.terms(lambda _, motion: motion.poles[0])[0])
+        for j, size in enumerate(self.middle.sizes):
+            start, rates = size[0], [arb(0)] * len(self.radii)
+            turn = acb(1) if start.contains(0) else start.conjugate() / abs(start)
+            for q, _ in self.ways:
+                rates[q] = arb(0) if start.contains(0) else (self.ways[q, q].sizes[j][1] / start).imag.mid()
 
-        others = sum((abs(size[0]) for j, size in enumerate(self.whole.sizes) if j not in smooth), arb(0))
-        return total(self.middle)[0].real + self.spread(total) + others
+            def turned(way: Way, motion: Motion, j: int = j, turn: acb = turn, rates: list[arb] = rates) -> acb_series:
+                speeds = [rates[q] for q in set(way)] if way else [b * arb(0, r.upper()) for b, r in zip(rates, self.radii, strict=True)]
+                return motion.sizes[j] * turn * acb_series([0, acb(0, -sum(speeds, arb(0)))]).exp()
+
+            terms, last = self.terms(turned)
+            x, y = (sum((abs(part) for part in parts), last) for parts in ([t.real for t in terms], [t.imag for t in terms]))
+            if abs(start) - x > 0:
+                bound += abs(start) + last + y * y / (2 * (abs(start) - x))
+                together = [one + other for one, other in zip(together, terms, strict=True)]
+            else:
+                bound += abs(start) + (x * x + y * y).sqrt()
+        return bound + sum((abs(term.real) for term in together), arb(0))
 
 
 def prove(system: System, command: Numbers, n: int) -> None:
@@ -202,9 +224,9 @@ def in_time(around: Around, flexible: Sequence[bool], allowed: arb) -> bool:
         a, b = waiting.pop()
         c, value, _, values = wave.over(a, b)
         span = a.union(b)
-        if abs(values) + around.spread(lambda motion, span=span: motion.course(span)) <= allowed:
+        if abs(values) + around.drift(span) <= allowed:
             continue
-        if not (a < c < b and abs(value) + around.spread(lambda motion, c=c: motion.course(c)) <= allowed):
+        if not (a < c < b and abs(value) + around.drift(c) <= allowed):
             return False  # at this instant, which a shorter piece would not help
         waiting += [(a, c), (c, b)]
     return False
