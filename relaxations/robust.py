@@ -21,6 +21,7 @@ from relaxations.bounds import Settings, exceeded, exponent_of, first_looks, gri
 from relaxations.boxes import Box, Family, Listed, Place
 from relaxations.maneuvers import Problem, problem
 from relaxations.programs import GridSolution
+from relaxations.repair import Repaired
 from relaxations.residuals import PERIODS, Sample
 from relaxations.scans import Scan, Staircase
 from relaxations.tails import Looks
@@ -34,6 +35,7 @@ ZOOMS, SHRUNK = 8, 3.0  # such rounds, and by what its neighbourhood shrinks in 
 EXCESS = 1e-7  # relative: a tolerance that is exceeded by less is left to the hair that the proof keeps inside
 ROUGH = 1e-3  # of α, before the first places are sought
 TOLERANCE = 1e-7  # of α: closer to the root is closer than the grid
+SEEN = 1e-6  # of the tolerance: what a staircase stays below it
 ROUNDS = 60
 NEARLY = 0.99  # of the tolerance: a local maximum of the grid so close to it is looked at more closely
 TOPS = 12  # local maxima over the box that are looked at in one round, the worst ones
@@ -131,6 +133,12 @@ def further(posed: Problem, solution: GridSolution, inside: float) -> Problem | 
     worst = _worst(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
     more = _with_samples(posed, [*_samples(posed), *worst])
     return None if len(_samples(more)) == len(_samples(posed)) else more
+
+
+def keeps(posed: Problem, fixed: Repaired) -> bool:
+    """Whether a staircase keeps the tolerance in all of the box, as far as can be seen."""
+    levels = np.array([float(level - posed.maneuver.rest) for level in fixed.levels])
+    return not _worst(posed, np.append(fixed.starts, fixed.maneuver_time), levels, 1.0 - SEEN)
 
 
 def _following(solution: GridSolution, tolerance: float, low: float, high: float) -> float:

@@ -73,7 +73,7 @@ def relaxed(system: System, samples: Any) -> tuple[tuple[Root, ...], list[arb], 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Poles p_j and motions Z_j along a line of places, as series; of one that is `lasting` p_j is imaginary all along."""
+    """Poles p_j and motions Z_j along a line of places, as series."""
 
     poles: list[acb_series]
     sizes: list[acb_series]
@@ -138,18 +138,22 @@ class Around:
         terms, last = self.terms(lambda _, motion: motion.course(span))
         return sum((abs(term.real) for term in terms), last)
 
-    def moduli(self) -> arb:
-        """`Σ |Z_j|` over the cell, at most.
+    def moduli(self) -> tuple[arb, list[arb]]:
+        """`Σ |Z_j|` over the cell, and each by itself, at most.
 
         With the real part x_j and the imaginary part y_j of `Z_j e^{-j(α_j + β_j (θ - c))}`, where y_j and its slopes are 0 at the centre,
         |Z_j| ≤ x_j + y_j²/(2 x_j). Of the x_j the terms at the centre are summed before their sizes are taken.
         """
-        bound, together = arb(0), [acb(0)] * len(self.terms(lambda _, motion: motion.poles[0])[0])
+        bound, each, together = arb(0), [], [acb(0)] * len(self.terms(lambda _, motion: motion.poles[0])[0])
         for j, size in enumerate(self.middle.sizes):
-            start, rates = size[0], [arb(0)] * len(self.radii)
-            turn = acb(1) if start.contains(0) else start.conjugate() / abs(start)
+            start, (terms, last) = size[0], self.terms(lambda _, motion, j=j: motion.sizes[j])
+            each.append(sum((abs(term) for term in terms), abs(start) + last))
+            if not 3 * abs(start) > 2 * each[j]:  # so near 0 it has no direction
+                bound += each[j]
+                continue
+            turn, rates = start.conjugate() / abs(start), [arb(0)] * len(self.radii)
             for q, _ in self.ways:
-                rates[q] = arb(0) if start.contains(0) else (self.ways[q, q].sizes[j][1] / start).imag.mid()
+                rates[q] = (self.ways[q, q].sizes[j][1] / start).imag.mid()
 
             def turned(way: Way, motion: Motion, j: int = j, turn: acb = turn, rates: list[arb] = rates) -> acb_series:
                 speeds = [rates[q] for q in set(way)] if way else [b * arb(0, r.upper()) for b, r in zip(rates, self.radii, strict=True)]
@@ -158,11 +162,12 @@ class Around:
             terms, last = self.terms(turned)
             x, y = (sum((abs(part) for part in parts), last) for parts in ([t.real for t in terms], [t.imag for t in terms]))
             if abs(start) - x > 0:
-                bound += abs(start) + last + y * y / (2 * (abs(start) - x))
+                across = y * y / (2 * (abs(start) - x))
+                each[j], bound = abs(start) + x + across, bound + abs(start) + last + across
                 together = [one + other for one, other in zip(together, terms, strict=True)]
             else:
-                bound += abs(start) + (x * x + y * y).sqrt()
-        return bound + sum((abs(term.real) for term in together), arb(0))
+                bound += each[j]
+        return bound + sum((abs(term.real) for term in together), arb(0)), each
 
 
 def prove(system: System, command: Numbers, n: int) -> None:
@@ -198,27 +203,29 @@ def within(
         raise Undecided("a plant of the box is unstable")
     try:
         around = Around.of(plants, jumps, cell, centre, radii, poles)
-        if around.moduli() <= allowed:
+        total, sizes = around.moduli()
+        if total <= allowed:
             return True  # of stable plants, which these are if they are `settled`
     except ZeroDivisionError:
         return False
     if len(points) == 1 and flexible[0] and points[0].real.is_zero() and abs(around.middle.sizes[0][0]) > allowed:
         raise Refuted(f"the residual exceeds the tolerance at {', '.join(f'{float(arb(x).mid()):.6g}' for x in centre)}")
-    return all(ball.real <= 0 for ball in balls) and in_time(around, flexible, allowed)
+    return all(ball.real <= 0 for ball in balls) and in_time(around, sizes, flexible, allowed)
 
 
-def in_time(around: Around, flexible: Sequence[bool], allowed: arb) -> bool:
+def in_time(around: Around, sizes: Sequence[arb], flexible: Sequence[bool], allowed: arb) -> bool:
     """Whether |r(τ)| ≤ allowed: at the centre by Taylor's formula in τ, elsewhere as `Around` says, far away by the envelope."""
     middle, whole = around.middle, around.whole
     roots = tuple(Root(p[0] if pair else acb(p[0].real), 1) for p, pair in zip(middle.poles, flexible, strict=True))
     wave = Wave.of(roots, [part for z, pair in zip(middle.sizes, flexible, strict=True) for part in (z[0].real, z[0].imag)[: 1 + pair]])
-    far = max((1 / abs(p[0])).upper() for p in whole.poles)
-    while not sum((abs(z[0]) * (p[0].real * far).exp() for z, p in zip(whole.sizes, whole.poles, strict=True)), arb(0)) <= allowed:
-        far *= 2
-        if far > 1e6 * abs(1 / middle.poles[0][0]):
+    far, quick = max((1 / abs(p[0])).upper() for p in whole.poles), min((1 / abs(p[0])).lower() for p in middle.poles)
+    while not sum((size * (p[0].real * far).exp() for size, p in zip(sizes, whole.poles, strict=True)), arb(0)) <= allowed:
+        far = (far * 5 / 4).mid()
+        if far > 1e4 * quick:
             return False
-    waiting = [(arb(0), far)]
-    for _ in range(400):
+    count = int(float(far / quick)) + 1
+    waiting = [(far * k / count, far * (k + 1) / count) for k in range(count)]
+    for _ in range(400 + 4 * count):
         if not waiting:
             return True
         a, b = waiting.pop()
