@@ -155,7 +155,9 @@ def _roots(plant: Plant, linear: LinearPlant | None, axes: list[tuple[int, Uncer
         if not axis.moves_a_root:
             why = f"is a parameter of the FMU, and {moving[0][1].parameter} belongs to its linear plant: a box is of one kind"
             mistakes.append(Mistake(f"uncertainty[{item}].parameter", axis.parameter, why))
-    for item, axis in moving if linear is not None else ():
+    if linear is None:
+        return
+    for item, axis in moving:
         try:
             moved_axis(linear, axis.parameter, Fraction(axis.lower), Fraction(axis.upper))
         except ManeuverError as problem:

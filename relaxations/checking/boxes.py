@@ -19,7 +19,7 @@ from typing import Any
 from flint import acb, acb_series, arb, fmpq
 
 from relaxations.checking.balls import Root, System, Wave, spend
-from relaxations.checking.families import Moved, Written, family
+from relaxations.checking.families import Line, Moved, Written, family, over
 from relaxations.checking.members import Numbers, halved, lands
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -41,7 +41,7 @@ def sample(plants: Written | Moved, place: Sequence[fmpq]) -> Sample:
     inside = len(place) == len(box.parameters) and all(p.low <= x <= p.high for p, x in zip(box.parameters, place, strict=True))
     require(inside, "a sample lies in the box")
     roots = plants.roots(place)
-    weights = plants.weights([acb_series([x]) for x in place], [acb_series([root.value]) for root in roots])
+    weights = plants.weights(place, [acb_series([root.value]) for root in roots])
     return Sample(roots, tuple((1 + root.flexible) * weight[0] for root, weight in zip(roots, weights, strict=True)))
 
 
@@ -84,12 +84,12 @@ class Motion:
         return sum((size * (pole * span).exp() for pole, size in zip(self.poles, self.sizes, strict=True)), acb_series([0]))
 
 
-def motion(plants: Written | Moved, jumps: Jumps, line: Sequence[acb_series], starts: Sequence[acb], flexible: Sequence[bool]) -> Motion:
+def motion(plants: Written | Moved, jumps: Jumps, line: Line, starts: Sequence[acb], flexible: Sequence[bool]) -> Motion:
     """The motions after the command, all over the balls of the line and of the poles that it begins with."""
     poles, sizes = plants.poles(line, starts), []
     for pole, weight, pair in zip(poles, plants.weights(line, poles), flexible, strict=True):
         spend(6 * len(jumps))
-        sizes.append((1 + pair) * weight / pole * sum(((pole * s).exp() * jump for s, jump in jumps), acb_series([0])))
+        sizes.append((1 + pair) * over(weight, pole) * sum(((pole * s).exp() * jump for s, jump in jumps), acb_series([0])))
     return Motion(poles, sizes)
 
 
@@ -110,7 +110,10 @@ class Around:
     def of(plants: Written | Moved, jumps: Jumps, cell: Numbers, centre: Numbers, radii: Sequence[arb], poles: Any) -> Around:
         """All motions of a cell."""
         points, balls, flexible = poles
-        wide = [q for q, radius in enumerate(radii) if not radius.is_zero()] or [0]
+        wide = [q for q, radius in enumerate(radii) if not radius.is_zero()]
+        if not wide:  # one plant, at an exact place
+            alone = motion(plants, jumps, centre, points, flexible)
+            return Around({(0, 0): alone}, alone, radii)
         ways = {}
         for q, k in combinations_with_replacement(wide, 2):
             line = [acb_series([x, int(i in (q, k))]) for i, x in enumerate(centre)]
@@ -199,6 +202,8 @@ def within(
     if poles is None:
         return False
     points, balls, flexible = poles
+    if not points:
+        return True  # bodies alone, which are at rest
     if any(ball.real > 0 for ball in balls):
         raise Undecided("a plant of the box is unstable")
     try:

@@ -19,7 +19,7 @@ from relaxations.checking.members import Numbers, member, moves, rigid
 from relaxations.checking.reading import Undecided, require
 
 Tracked = tuple[list[acb], list[acb], list[bool]]
-Line = Sequence[acb_series]  # a place, or all places of a cell, and where they go as t grows
+Line = Sequence[acb_series | arb | fmpq]  # a place, or all places of a cell, and where they go as t grows
 
 
 def family(task: Any) -> Written | Moved:
@@ -91,7 +91,7 @@ class Written:
         """N(p)/D'(p)."""
         N, D = (self.member(line, which) for which in ("numerator", "denominator"))
         slope = [k * c for k, c in enumerate(D)][1:]
-        return [valued_at(N, pole) / valued_at(slope, pole) for pole in poles]
+        return [over(valued_at(N, pole), valued_at(slope, pole)) for pole in poles]
 
     def settled(self, sides: Sequence[tuple[fmpq, fmpq]]) -> bool:
         """Whether no plant of a cell is unstable. Where that is not seen at once, a parameter that damps all poles in question, in all the
@@ -141,6 +141,13 @@ def valued_at(coefficients: Sequence[Any], point: acb_series) -> acb_series:
     for coefficient in reversed(coefficients):
         total = total * point + coefficient
     return total
+
+
+def over(one: Any, other: acb_series) -> acb_series:
+    """A quotient; raises `ZeroDivisionError` where the divisor may vanish."""
+    if other[0].contains(0):
+        raise ZeroDivisionError("a divisor may vanish")
+    return one / other
 
 
 def mirrored(series: acb_series) -> acb_series:
@@ -193,7 +200,7 @@ class Moved:
 
     def poles(self, line: Line, starts: Sequence[acb] = ()) -> list[acb_series]:
         """The poles beside the origin."""
-        found = []
+        line, found = [x if isinstance(x, acb_series) else acb_series([x]) for x in line], []
         for root, (scale, damping) in self.poles_moved:
             pole = acb_series([root.value])
             if damping is not None:
@@ -204,6 +211,7 @@ class Moved:
 
     def weights(self, line: Line, poles: Sequence[acb_series]) -> list[acb_series]:
         """N(p)/D'(p), in factors."""
+        line = [x if isinstance(x, acb_series) else acb_series([x]) for x in line]
         gain, found = acb_series([self.task.plants[0].numerator[0]]), []
         for roots, sign in ((self.poles_moved, 1), (self.zeros_moved, -1)):  # what keeps the static gain
             for root, (scale, _) in roots:
@@ -211,14 +219,14 @@ class Moved:
         zeros = [(root, acb_series([root.value]) * (1 if scale is None else line[scale])) for root, (scale, _) in self.zeros_moved]
         for j, pole in enumerate(poles):
             spend(4 * (len(poles) + len(zeros)))
-            value = gain / pole ** rigid(self.task)
+            value = over(gain, pole ** rigid(self.task))
             for root, zero in zeros:
                 value *= ((pole - zero) * (pole - mirrored(zero)) if root.flexible else pole - zero) ** root.multiplicity
             for i, (other, (root, _)) in enumerate(zip(poles, self.poles_moved, strict=True)):
                 if i != j:
-                    value /= pole - other
+                    value = over(value, pole - other)
                 if root.flexible:
-                    value /= pole - mirrored(other)
+                    value = over(value, pole - mirrored(other))
             found.append(value)
         return found
 
