@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from ctypes import c_double, c_uint
 from dataclasses import dataclass
+from functools import lru_cache
 
 Typed = tuple[str, int] | tuple[str, int, int, int]
 """A variable's type and value reference; for one element of an array also the array's size and the element's place in it, from 0."""
@@ -49,8 +50,9 @@ def driven(kind: str, reference: int, element: Sequence[int], others: Sequence[f
     return Driven(suffix, ctype, (c_uint * 1)(reference), box, place)
 
 
-def grouped(variables: Sequence[Typed], type_of: TypeOf) -> list[Group]:
-    """The calls that read the variables; an array is read once, however many elements are wanted."""
+@lru_cache(maxsize=16)
+def grouped(variables: tuple[Typed, ...], type_of: TypeOf) -> list[Group]:
+    """The calls that read the variables; an array is read once, however many elements are wanted. The same in run after run."""
     columns: dict[str, list[int]] = {}
     for column, (kind, *_) in enumerate(variables):
         columns.setdefault(kind, []).append(column)

@@ -16,7 +16,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from ctypes import POINTER, byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -75,7 +75,7 @@ class Instance(ABC):
         self.warning = ""
         self._last_message = ""
         self._handle: int | None = None
-        self._library, self._functions = loaded(library)
+        self._library, self._functions, self._addresses = loaded(library)
 
     @abstractmethod
     def instantiate(self, interface: str, steps: Steps | None = None) -> None:
@@ -111,10 +111,8 @@ class Instance(ABC):
 
     def log_trouble(self, categories: Sequence[str]) -> None:
         """Ask for messages of those categories that explain a status; without this many FMUs stay silent."""
-        wanted = [name for name in categories if name.startswith("logStatus")]
-        if wanted:
-            names = (c_char_p * len(wanted))(*(name.encode() for name in wanted))
-            self.function("SetDebugLogging")(self._handle, True, len(wanted), names)  # an FMU that cannot is no failure
+        if wanted := _names(tuple(name for name in categories if name.startswith("logStatus"))):
+            self.function("SetDebugLogging")(self._handle, True, len(wanted), wanted)  # an FMU that cannot is no failure
 
     def exit_initialization(self) -> None:
         """End initialisation."""
@@ -174,7 +172,7 @@ class Instance(ABC):
 
     def groups(self, variables: Sequence[Typed]) -> list[Group]:
         """The calls that read the variables."""
-        return grouped(variables, self._type)
+        return grouped(tuple(variables), self._type)
 
     def reader(self, groups: Sequence[Group], width: int, address: int) -> Callable[[int], None]:
         """A function that reads the groups into row `i`, of `width`, of a block of float64 rows at `address`."""
@@ -305,8 +303,10 @@ class Instance(ABC):
 
     def address(self, name: str) -> int:
         """Where the C function lies, for other C code; `FmuError` if the binary lacks it."""
-        function: Any = self.function(name)
-        return ctypes.cast(function, c_void_p).value or 0
+        if name not in self._addresses:
+            function: Any = self.function(name)
+            self._addresses[name] = ctypes.cast(function, c_void_p).value or 0
+        return self._addresses[name]
 
     @property
     def derivatives_function(self) -> str:
@@ -324,9 +324,10 @@ class Instance(ABC):
             self.call(name, values, count)
         return list(values)[:count]
 
-    def _type(self, kind: str) -> tuple[str, Number]:
+    @classmethod
+    def _type(cls, kind: str) -> tuple[str, Number]:
         try:
-            return self.types[kind]
+            return cls.types[kind]
         except KeyError:
             raise FmuError(f"variables of type {kind} cannot be read or set as numbers") from None
 
@@ -342,13 +343,18 @@ class Instance(ABC):
         self._handle = handle
 
 
+@lru_cache(maxsize=16)
+def _names(names: tuple[str, ...]) -> ctypes.Array[c_char_p]:
+    return (c_char_p * len(names))(*(name.encode() for name in names))
+
+
 _LETTERS = dict(v=c_void_p, s=c_char_p, d=c_double, i=c_int, b=c_bool, z=c_size_t, r=POINTER(c_uint))  # noqa: C408 - reads as a table
 
 
 @cache
-def loaded(library: Path) -> tuple[ctypes.CDLL, dict[str, Callable[..., int]]]:
-    """A shared library, which stays loaded, and its functions with their prototypes, as far as they have been asked for."""
-    return load(library), {}
+def loaded(library: Path) -> tuple[ctypes.CDLL, dict[str, Callable[..., int]], dict[str, int]]:
+    """A shared library, which stays loaded, its functions with their prototypes and addresses, as far as they have been asked for."""
+    return load(library), {}, {}
 
 
 def load(library: Path) -> ctypes.CDLL:

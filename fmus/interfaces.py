@@ -6,7 +6,9 @@ import ctypes
 import math
 import os
 from collections.abc import Callable, Sequence
-from ctypes import byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from ctypes import addressof, byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from functools import lru_cache
+from pathlib import Path
 from typing import ClassVar
 
 from fmus.errors import FmuError
@@ -28,6 +30,11 @@ class _EventInfo2(ctypes.Structure):
         *((name, c_int) for name in ("again", "terminate", "nominals_changed", "states_changed", "next_defined")),
         ("next", c_double),
     )
+
+
+@lru_cache(maxsize=16)
+def _uri(folder: Path) -> bytes:
+    return folder.as_uri().encode()
 
 
 class Instance2(Instance):
@@ -79,7 +86,7 @@ class Instance2(Instance):
         format_messages(self._callbacks, logger)
         function = self.function("Instantiate", restype=c_void_p)
         kind = 1 if interface == "co_simulation" else 0
-        uri = self.resources.as_uri().encode()
+        uri = _uri(self.resources)
         arguments = self.name, kind, self.token, uri, byref(self._callbacks), 0
         self._created(function(*arguments, 0) or function(*arguments, 1))  # one that refuses is asked again for its words
 
@@ -243,7 +250,7 @@ class Instance3(Instance):
 
     def stepper(self) -> Callable[[float, float], Interruption | None]:
         function, handle = self.function("DoStep"), self._handle
-        flags = tuple(byref(flag) for flag in self.ended)
+        flags = tuple(map(addressof, self.ended))  # cheaper to hand over than references, step after step
         event, terminate, early, _ = self.ended
 
         def step(t: float, h: float) -> Interruption | None:

@@ -16,7 +16,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations import programs
+from relaxations import posing, programs
 from relaxations.commands import Command, Segment, Tail
 from relaxations.courses import exceeded_places
 from relaxations.duality import Costate, lower_bound
@@ -152,9 +152,7 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
         upper = None if command is None else command.maneuver_time
         price = dual.price(problem)
         near = dual.maneuver_time if upper is None or problem.begin is not None else upper
-        lower = float(
-            lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.fuel, dual.pressed, dual.ramps)
-        )
+        lower = float(lower_bound(*extended(dual.problem, dual.costate, dual.tail_multipliers), near, price, dual.prices))
         if upper is not None:
             lower = min(lower, upper)
         costate = np.array(dual.problem.modal(dual.costate), dtype=float)
@@ -221,7 +219,7 @@ def exceeded(problem: Problem, solution: programs.GridSolution, factor: float = 
         found = problem.tail.exceeded(solution.tail_coefficients, solution.pull)
     if not problem.courses:
         return found
-    return replace(found, moving=exceeded_places(problem.courses, grid, levels, 1.0 - solution.program.inside / 2.0))
+    return replace(found, moving=exceeded_places(problem.courses, grid, levels, 1.0 - solution.program.inside / 2.0, problem.sloped))
 
 
 def cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
@@ -230,20 +228,20 @@ def cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:
     The limits are tightened by the fraction `inside`, which is what the last cut may be off by.
     """
     looks = first_looks(problem)
-    solution = programs.solve(programs.build(problem, grid, looks, inside))
+    solution = programs.solve(posing.build(problem, grid, looks, inside))
     for _ in range(CUTS):
         if not (over := exceeded(problem, solution)):
             break
         looks |= over
-        solution = programs.solve(programs.build(problem, grid, looks, inside))
+        solution = programs.solve(posing.build(problem, grid, looks, inside))
     return solution
 
 
 def _refined(start: programs.GridSolution) -> Extremal | Failure:
     problem = start.problem  # in the coordinates that the program chose
-    if not problem.bang_bang:
+    if not problem.switched:
         return Failure("a command with further limits is repaired on the grid, not refined")
-    return refine(problem, start.costate, start.maneuver_time, contacts(problem, start))
+    return refine(problem, start.costate, start.maneuver_time, contacts(problem, start), start.fuel)
 
 
 def contacts(problem: Problem, solution: programs.GridSolution) -> TailStart:
@@ -310,7 +308,7 @@ def grid_minimum(
     while count < settings.programs:
         count += 1
         try:
-            solution = programs.solve(programs.build(problem, instants(problem, horizon, settings), looks))
+            solution = programs.solve(posing.build(problem, instants(problem, horizon, settings), looks))
         except ShortHorizonError:
             short = max(short, horizon)
             horizon = math.sqrt(horizon * above.maneuver_time) if above else 1.5 * horizon
@@ -380,7 +378,7 @@ def ramped(problem: Problem, instants: Reals, values: Reals) -> Command:
 def staircase(problem: Problem, solution: programs.GridSolution) -> Command:
     """The grid's own command, divided by α ≥ 1 so that it reaches the target itself; equal neighbours are one segment."""
     levels = solution.levels / solution.fraction
-    if problem.rate is not None:
+    if problem.sloped:
         return ramped(problem, solution.program.instants, np.concatenate([[0.0], levels[:-1]]))
     horizon, starts = solution.program.maneuver_time, solution.program.instants[:-1]
     keep = np.concatenate([[True], np.diff(levels) != 0.0])

@@ -16,11 +16,11 @@ import rfc8785
 from numpy.typing import NDArray
 
 from relaxations.boxes import Box, Family, Listed, Place, Polynomial
-from relaxations.courses import Press
 from relaxations.maneuvers import Problem
 from relaxations.moved import Move, Moved
 from relaxations.plants import fraction
-from relaxations.ramps import Ramp
+from relaxations.prices import NONE, Prices
+from relaxations.transitions import VaryingPlant
 
 Number = Fraction | float
 Numbers = Sequence[Number] | NDArray[np.float64]
@@ -52,15 +52,16 @@ def text(value: Fraction | float) -> str:
 
 def task(problem: Problem) -> dict[str, Any]:
     """The task in exact numbers."""
-    maneuver, plants = problem.maneuver, []
+    maneuver, plants, varying = problem.maneuver, [], problem.transition and problem.transition.plant
     length = maneuver.tail_length
-    for plant in problem.plants:
+    for plant in problem.plants if varying is None else ():
         polynomials = {"numerator": plant.numerators[plant.output], "denominator": plant.denominator}
         written = {name: [text(fraction(c)) for c in reversed(p.coeffs())] for name, p in polynomials.items()}
         outputs = {course.name: [text(fraction(c)) for c in reversed(plant.numerators[course.name].coeffs())] for course in problem.courses}
         plants.append({**written, "outputs": outputs, "zeros": _zeros(problem)})
     return {
         "plants": plants,
+        "schedule": varying and _schedule(varying),
         "box": maneuver.box and _box(maneuver.box),
         "displacement": text(maneuver.displacement),
         "initial_state": None if maneuver.initial is None else [text(x) for x in maneuver.initial],
@@ -78,8 +79,14 @@ def task(problem: Problem) -> dict[str, Any]:
                 name: {"shift": text(shift), "residual": text(residual)} for name, (shift, residual) in maneuver.zero_sensitivity.items()
             },
         },
-        "initial_input": text(maneuver.rest),
+        "initial_input": text(maneuver.rest - (varying.rest(maneuver.displacement)[1] if varying else 0)),
     }
+
+
+def _schedule(plant: VaryingPlant) -> dict[str, Any]:
+    rows = {name: [[text(x) for x in row] for row in which] for name, which in (("B", plant.B), ("C", plant.C))}
+    A = [[[text(x) for x in row] for row in matrix] for matrix in plant.A]
+    return {"instants": [text(t) for t in plant.instants], "A": A, **rows, "D": [text(d) for d in plant.D]}
 
 
 def _box(box: Box) -> dict[str, Any]:
@@ -118,14 +125,14 @@ def costate_witness(
     problem: Problem,
     costate: Numbers,
     multipliers: Sequence[tuple[Number, Number, Number]] = (),
-    fuel: Number = Fraction(0),
-    pressed: Sequence[Press] = (),
-    ramps: Sequence[Ramp] = (),
+    prices: Prices = NONE,
 ) -> dict[str, Any]:
     """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole; (instant, μ⁺, μ⁻) of the tail; μ of
     the fuel; the multipliers of courses."""
     plants, at = [], 0
-    for target in problem.sets:
+    if problem.transition is not None:  # its components are those of one chain
+        plants = [[{"near": ["0", "0"], "coefficients": [[text(x), "0"] for x in costate]}]]
+    for target in problem.sets if problem.transition is None else ():
         chains = []
         for pole in target.basis.poles:
             coefficients = []
@@ -137,9 +144,9 @@ def costate_witness(
             chains.append({"near": [text(pole.value.real), text(pole.value.imag)], "coefficients": coefficients})
         plants.append(chains)
     written = [{"time": text(time), "upper": text(above), "lower": text(below)} for time, above, below in multipliers]
-    presses = [{"output": p.course.name, "begin": text(p.begin), "end": text(p.end), "weight": text(p.weight)} for p in pressed]
-    rates = [{"edges": [text(x) for x in ramp.edges], "levels": [text(x) for x in ramp.levels]} for ramp in ramps]
-    others = {"fuel": text(fuel), "deflection": presses, "ramps": rates}
+    presses = [{"output": p.course.name, "begin": text(p.begin), "end": text(p.end), "weight": text(p.weight)} for p in prices.pressed]
+    rates = [{"edges": [text(x) for x in ramp.edges], "levels": [text(x) for x in ramp.levels]} for ramp in prices.ramps]
+    others = {"fuel": text(prices.fuel), "deflection": presses, "ramps": rates, "steps": [text(x) for x in prices.steps]}
     residuals = problem.residuals
     if residuals is None:
         return {"costate": plants, "tail": written, "samples": [], **others}
@@ -196,6 +203,7 @@ def certificate(
     upper: dict[str, Any] | None,
 ) -> bytes:
     """Canonical bytes (RFC 8785) with their digest."""
-    content = {"format": FORMAT, "task": task, "claim": claim, "lower": lower, "upper": upper}
-    digest = hashlib.sha256(rfc8785.dumps(content)).hexdigest()
-    return rfc8785.dumps({**content, "digest": digest})
+    content = rfc8785.dumps({"format": FORMAT, "task": task, "claim": claim, "lower": lower, "upper": upper})
+    first = len(rfc8785.dumps({"claim": claim})) - 1  # "digest" comes next to it in canonical order
+    digest = rfc8785.dumps({"digest": hashlib.sha256(content).hexdigest()})
+    return content[:first] + b"," + digest[1:-1] + content[first:]

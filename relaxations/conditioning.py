@@ -20,8 +20,9 @@ EXACT = 1e-9  # how far from orthonormal the functions found, and how large a se
 
 
 def framed(problem: Problem, horizon: float) -> Problem | None:
-    """The problem in a frame on [0, `horizon`] [s]; None if its modes are too fast, too many or too much alike, or it begins in motion."""
-    if problem.begin is not None:
+    """The problem in a frame on [0, `horizon`] [s]; None if its modes are too fast, too many or too much alike, it begins in motion
+    or varies."""
+    if problem.begin is not None or problem.transition is not None:
         return None
     fastest = max((abs(pole.value) for own in problem.sets for pole in own.basis.poles), default=0.0)
     count = int(fastest * horizon / 2) + problem.size + EXTRA_NODES

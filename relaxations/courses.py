@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,13 +33,14 @@ AGAIN = 400  # points at which a command that was found without these limits is 
 FINE = 4  # points of each cell at which a course is looked at
 PRICED = 1e-9  # of the largest multiplier of a course: smaller ones are what an interior-point method leaves anywhere
 MISSED = 1e-9  # relative excess that calls for another instant
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)  # of a multiplier that is spread over a cell
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
     """The output `name` may deviate from its first rest value by `limit` (output units); after the move it rests at `final`, a deviation.
 
-    `weights` (n,) of the moments over all poles of the plant, `tail` (complex) its transfer function at the zeros that a tail decays along.
+    `weights` (n,) of the moments over all poles of the plant; these are `begin` (n,) at first, nothing at rest.
     """
 
     name: str
@@ -46,12 +48,18 @@ class Course:
     weights: Reals
     limit: float
     final: float
+    begin: Reals
 
     @staticmethod
-    def of(plant: LinearPlant, name: str, limit: float, final: float) -> Course:
+    def of(plant: LinearPlant, name: str, limit: float, final: float, begin: Reals | None = None) -> Course:
         """Of a plant's output without feed-through."""
         basis = Basis(plant.poles)
-        return Course(name, basis, basis.weights(plant.partial(name)), limit, final)
+        return Course(name, basis, basis.weights(plant.partial(name)), limit, final, np.zeros(basis.size) if begin is None else begin)
+
+    def free(self, times: Reals) -> Reals:
+        """The output without an input, at times [s]; nothing before the move."""
+        flat = np.maximum(times, 0.0).ravel()
+        return np.where(times >= 0.0, (self.weights @ self.basis.free(self.begin, flat)).reshape(times.shape), 0.0)
 
     def along(self, instants: Reals, levels: Reals, ramps: bool = False) -> tuple[Reals, Reals]:
         """Instants [s], `FINE` to a cell, and the output there."""
@@ -66,6 +74,7 @@ class Course:
             inputs = self.basis.rows(widths, 1) * np.repeat(levels, FINE)
         moves = np.array([self.basis.free(unit, widths) for unit in np.eye(n)]).transpose(2, 1, 0)  # (cells, n, n)
         moments = np.zeros((len(times), n))
+        moments[0] = self.begin
         for k, (move, added) in enumerate(zip(moves, inputs.T, strict=True)):
             moments[k + 1] = move @ moments[k] + added
         return times, moments @ self.weights
@@ -99,7 +108,8 @@ class Motion:
     """The courses of the levels u of a grid, in units of their limits: `bends u + states z` where `flow u + past z = 0`.
 
     z are the moments at the end of every block of some cells, so that all four are sparse: what a place sees of the move's beginning, it
-    sees through them, so many `unknowns`. A row of bends belongs to a place (course, fraction of the move); it ends at `finals` (k,).
+    sees through them, so many `unknowns`. A row of bends belongs to a place (course, fraction of the move); it ends at `finals` (k,), and
+    without an input it would be at `free` (k,) there.
     """
 
     places: Reals
@@ -108,6 +118,7 @@ class Motion:
     flow: csr_array
     past: csr_array
     finals: Reals
+    free: Reals
     unknowns: int
 
 
@@ -144,7 +155,10 @@ def motion(courses: Sequence[Course], instants: Reals, extra: Reals, ramps: bool
                 states.add(mine, begun - n + np.arange(n), np.einsum("kn,pnk,p->kp", weights, before[:, :, :-1], unit))
                 past.add(rows + np.arange(n), begun - n + np.arange(n), (before[:, :, -1] * unit[:, None]).T / unit[:, None])
             begun, rows = begun + n, rows + n
-    finals = np.array([courses[int(number)].final / courses[int(number)].limit for number in places[:, 0]])
+    finals, free = np.zeros(len(places)), np.zeros(len(places))
+    for number, course in enumerate(courses):
+        own = places[:, 0] == number
+        finals[own], free[own] = course.final / course.limit, course.free(horizon * places[own, 1]) / course.limit
     count = len(places)
     return Motion(
         places,
@@ -153,6 +167,7 @@ def motion(courses: Sequence[Course], instants: Reals, extra: Reals, ramps: bool
         flow.array((rows, cells)),
         past.array((rows, begun)),
         finals,
+        free,
         begun,
     )
 
@@ -189,13 +204,11 @@ class _Entries:
         return csr_array(coo_array((values, (rows, columns)), shape=shape))
 
 
-def courses_of(plants: Sequence[LinearPlant], maneuver: Maneuver) -> tuple[Course, ...]:
-    """The outputs whose deflection is limited; raises `ManeuverError` for one that may not be."""
+def courses_of(plants: Sequence[LinearPlant], maneuver: Maneuver, begin: Reals | None = None) -> tuple[Course, ...]:
+    """The outputs whose deflection is limited, from moments `begin` on; raises `ManeuverError` for one that may not be."""
     found = []
-    if maneuver.limits.deflection and (
-        maneuver.tail or maneuver.box is not None or maneuver.sample_time is not None or maneuver.initial is not None
-    ):
-        raise ManeuverError("deflection limits are a matter of rest to rest: no tail, no box, no sample time, no initial state with them")
+    if maneuver.limits.deflection and (maneuver.tail or maneuver.box is not None):
+        raise ManeuverError("deflection limits belong to a state rest of one plant: no tail, no box with them")
     for name, limit in maneuver.limits.deflection.items():
         for plant in plants:
             if name not in plant.numerators:
@@ -210,7 +223,12 @@ def courses_of(plants: Sequence[LinearPlant], maneuver: Maneuver) -> tuple[Cours
             final = fraction(numerator(fmpq(0)) / plant.numerators[plant.output](fmpq(0))) * maneuver.displacement
             if abs(final) > limit:
                 raise ManeuverError(f"at its final rest {name!r} deviates by {float(final):.10g}: no command stays within {float(limit)!r}")
-            found.append(Course.of(plant, name, float(limit), float(final)))
+            first = sum((fraction(c) * x for c, x in zip(numerator.coeffs(), maneuver.initial or (), strict=False)), Fraction(0))
+            if abs(first) > limit:
+                raise ManeuverError(
+                    f"at first {name!r} deviates by {float(first):.10g}: that is beyond its limit, {float(limit)!r}, already"
+                )
+            found.append(Course.of(plant, name, float(limit), float(final), begin))
     return tuple(found)
 
 
@@ -233,11 +251,26 @@ class Press:
     end: float
     weight: float
 
+    def freely(self, horizons: Reals) -> Reals:
+        """What it is worth that the course does not begin at rest, for moves of these durations [s]."""
+        to_go = self.begin + (self.end - self.begin) * (1.0 + NODES) / 2
+        return self.weight * (self.course.free(horizons[:, None] - to_go) @ WEIGHTS) / 2
 
-def presses(courses: Sequence[Course], places: Reals, multipliers: Reals, instants: Reals) -> tuple[Press, ...]:
-    """Multipliers (k,) of limits set to 1 at `places` (course, fraction of the move) (k, 2), each spread over a cell, half to either side.
+    def over(self, edges: Reals) -> Reals:
+        """What it takes off the integrals of the costate's function over cells between `edges` of times to go."""
+        if self.end == self.begin:
+            reached = self.course.basis.rows(np.maximum(edges - self.begin, 0.0), 1)
+        else:
+            reached = self.course.basis.rows(np.maximum(edges - self.begin, 0.0), 2)
+            reached = (reached - self.course.basis.rows(np.maximum(edges - self.end, 0.0), 2)) / (self.end - self.begin)
+        return self.weight * np.diff(self.course.weights @ reached)
 
-    Where they are dense, half the distance to the next one: a limit that holds for a while is priced without gaps.
+
+def presses(courses: Sequence[Course], places: Reals, multipliers: Reals, instants: Reals, spread: bool) -> tuple[Press, ...]:
+    """Multipliers (k,) of limits set to 1 at `places` (course, fraction of the move) (k, 2), `spread` over a cell, half to either side.
+
+    Where they are dense, half the distance to the next one: a limit that holds for a while is priced without gaps. An input that is
+    constant over samples needs no spreading: only the costate's integrals over these count.
     """
     found, horizon = [], float(instants[-1])
     for number, course in enumerate(courses):
@@ -249,6 +282,8 @@ def presses(courses: Sequence[Course], places: Reals, multipliers: Reals, instan
         gaps = np.diff(to_go)
         after = np.minimum(np.append(gaps, np.inf), cell) / 2
         before = np.minimum(np.append(np.inf, gaps), cell) / 2
+        if not spread:
+            before, after = 0.0 * before, 0.0 * after
         found += [
             Press(course, max(float(s - a), 0.0), float(s + b), float(weight))
             for s, a, b, weight in zip(to_go, before, after, weights, strict=True)

@@ -16,6 +16,7 @@ from flint import acb, arb, arb_mat, fmpq, fmpq_poly
 from relaxations.maneuvers import Problem
 from relaxations.plants import Pole
 from relaxations.tails import Cap, Contact
+from relaxations.transitions import Transition
 
 Root = tuple[acb, int, bool]
 """Value, multiplicity, and whether it stands for a conjugate pair."""
@@ -47,6 +48,10 @@ class Equations:
                     below = value * s / (k + 1) if root.is_zero() else (value - below) / root
                 out += _parts(below if integrated else value, flexible)
         return out
+
+    def changes(self, s: Sequence[arb]) -> arb_mat:
+        """b' at times to go s [s]: shape (size, len(s))."""
+        return self.slopes() * self.rows(s)
 
     def slopes(self) -> arb_mat:
         """The matrix J with `b' = J b`: shape (size, size)."""
@@ -91,6 +96,21 @@ class Equations:
         return arb_mat(len(since), self.columns.ncols(), entries)
 
 
+@dataclass(frozen=True, slots=True)
+class VaryingEquations(Equations):
+    """The same of a plant that varies, `∫ g v = x_ss`: t takes the place of time to go (`relaxations.transitions`)."""
+
+    transition: Transition
+
+    def rows(self, s: Sequence[arb], integrated: bool = False) -> arb_mat:
+        """g at instants s [s], or its integral from 0: shape (size, len(s))."""
+        return self.transition.long(s, 2 if integrated else 0)
+
+    def changes(self, s: Sequence[arb]) -> arb_mat:
+        """g' at instants s [s]: shape (size, len(s))."""
+        return self.transition.long(s, 1)
+
+
 def _parts(value: acb, flexible: bool) -> list[arb]:
     return [value.real, value.imag] if flexible else [value.real]
 
@@ -120,6 +140,10 @@ def roots_near(wanted: Sequence[Pole], polynomial: fmpq_poly, bits: int) -> tupl
 def equations(problem: Problem, bits: int) -> Equations:
     """The equations of all plants, with roots of `bits` bits: the precision that must be set already."""
     maneuver, entries = problem.maneuver, []
+    if problem.transition is not None:
+        plant = problem.transition.plant
+        state = arb_mat(plant.order, 1, [arb(rational(x)) for x in plant.rest(maneuver.displacement)[0]])
+        return VaryingEquations((), (), state, arb_mat(plant.order, 0), (), Transition(plant, bits))
     zeros = roots_near(problem.tail.zeros, problem.plants[0].numerators[problem.plants[0].output], bits)
     roots: list[Root] = []
     for plant, own in zip(problem.plants, problem.sets, strict=True):

@@ -10,16 +10,14 @@ Where that is violated no admissible command is as short as T. A budget of fuel 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.courses import Press
 from relaxations.courses import sampled as sampled_costate
 from relaxations.maneuvers import Problem
-from relaxations.ramps import Ramp
+from relaxations.prices import NONE, Prices
 from relaxations.ramps import bound as ramped
 
 Reals = NDArray[np.float64]
@@ -47,6 +45,8 @@ def costate_roots(problem: Problem, costate: Reals, horizon: float, level: float
     Two roots between neighbouring samples enclose an extremum of p, so the extrema on the near side of zero are samples too: a pair that is
     missed would make the lower bound too long.
     """
+    if problem.transition is not None:
+        return problem.transition.crossings(costate, horizon, level)
     grid = _samples(problem, horizon)
     table, change = problem.rows(grid), problem.derivative(costate)
     values, slopes = costate @ table - level, change @ table
@@ -102,19 +102,26 @@ class Support:
     final: float  # σ(p(T)), the integrand where the horizon ends
 
 
-def support(problem: Problem, costate: Reals, horizon: float, price: float = 0.0) -> Support:
-    """Evaluate `∫_0^horizon σ(p(s)) ds` through the antiderivative of b; `price` is that of the fuel."""
+Known = dict[float, tuple[float, Reals]]
+"""For each level the longest horizon that was looked at and the roots within it: they are times to go, and serve all shorter ones."""
+
+
+def support(problem: Problem, costate: Reals, horizon: float, price: float = 0.0, known: Known | None = None) -> Support:
+    """Evaluate `∫_0^horizon σ(p(s)) ds` through the antiderivative of b; `price` is that of the fuel, `known` of this costate."""
+    known = {} if known is None else known
     if not price:
-        return _support(problem, costate, horizon, 0.0, problem.lower, problem.upper)
-    above = _support(problem, costate, horizon, price, 0.0, problem.upper)
-    below = _support(problem, costate, horizon, -price, problem.lower, 0.0)
+        return _support(problem, costate, horizon, 0.0, problem.lower, problem.upper, known)
+    above = _support(problem, costate, horizon, price, 0.0, problem.upper, known)
+    below = _support(problem, costate, horizon, -price, problem.lower, 0.0, known)
     roots = np.union1d(above.roots, below.roots)
     return Support(horizon, roots, above.integral + below.integral, above.rounding + below.rounding, above.final + below.final)
 
 
-def _support(problem: Problem, costate: Reals, horizon: float, level: float, lower: float, upper: float) -> Support:
+def _support(problem: Problem, costate: Reals, horizon: float, level: float, lower: float, upper: float, known: Known) -> Support:
     """The same of `max(upper (p - level), lower (p - level))`."""
-    roots = costate_roots(problem, costate, horizon, level)
+    if level not in known or known[level][0] < horizon:
+        known[level] = horizon, costate_roots(problem, costate, horizon, level)
+    roots = known[level][1][known[level][1] < horizon]
     edges = np.concatenate([[0.0], roots, [horizon]])
     table = problem.rows(edges, 1)
     pieces = costate @ np.diff(table, axis=1) - level * np.diff(edges)
@@ -132,9 +139,7 @@ class Costate:
     problem: Problem
     costate: Reals
     maneuver_time: float
-    fuel: float = 0.0
-    pressed: tuple[Press, ...] = ()
-    ramps: tuple[Ramp, ...] = ()
+    prices: Prices = NONE
 
     @property
     def tail_multipliers(self) -> tuple[tuple[float, float, float], ...]:
@@ -152,30 +157,25 @@ def lower_bound(
     costate: Reals,
     near: float,
     price: float = 0.0,
-    fuel: float = 0.0,
-    pressed: Sequence[Press] = (),
-    ramps: Sequence[Ramp] = (),
+    prices: Prices = NONE,
 ) -> float:
     """The largest T_λ near `near` [s] at which (2) is violated beyond rounding, or 0: `λᵀ target - price = ∫_0^T σ(p)` by guarded Newton.
 
-    `price` is what the multipliers of all limits but the input's add on the right of (2), `fuel` the one of the fuel itself. With a
-    sample time T_λ is a whole number of samples.
+    `price` is what the multipliers of all limits but the input's add on the right of (2), `prices` are those of the fuel, outputs, slopes.
+    With a sample time T_λ is a whole number of samples.
     """
     if problem.maneuver.sample_time is not None:
-        return _sampled(problem, costate, near, price, fuel)
+        return _sampled(problem, costate, near, price, prices)
+    if prices.pressed or (prices.ramps and problem.rate is not None):
+        return _followed(problem, costate, near, price, prices)
     if problem.begin is None and float(costate @ problem.target) <= price:
         return 0.0
-    if ramps and problem.rate is not None:
-        points = np.linspace(0.0, BEYOND * near, POINTS)
-        total, first = ramped(costate @ problem.rows(points), points, (problem.lower, problem.upper), problem.rate, fuel, ramps)
-        wanted = float(costate @ problem.target) + first * problem.hold - price
-        return float(np.interp(wanted, total, points)) if wanted > 0.0 else 0.0
-    if pressed:
-        return pressed_bound(problem, costate, near, float(costate @ problem.target) - price, fuel, pressed)
+    fuel = float(prices.fuel)
     low, high = 0.0, np.inf
     time, best = near, 0.0
+    known: Known = {}
     for _ in range(60):
-        value = support(problem, costate, time, fuel)
+        value = support(problem, costate, time, fuel, known)
         aim, drift = (float(costate @ part[:, 0]) for part in problem.aim(np.array([time])))
         wanted = aim - price
         if value.integral + value.rounding < wanted:
@@ -199,19 +199,36 @@ def lower_bound(
     return best
 
 
-def pressed_bound(problem: Problem, costate: Reals, near: float, wanted: float, fuel: float, pressed: Sequence[Press]) -> float:
-    """The same where multipliers of courses are in p, from its values on a fine grid: Simpson's rule, triangles where it changes sign."""
+def _followed(problem: Problem, costate: Reals, near: float, price: float, prices: Prices) -> float:
+    """The same where multipliers of outputs or slopes are in p, from its values on a fine grid: Simpson's rule, triangles where p changes
+    sign; with ramps the trapezoidal rule."""
     modal = np.array([float(value) for value in problem.modal(costate)])
     bases = [own.basis for own in problem.sets]
     parts = np.split(modal, np.cumsum([basis.size for basis in bases])[:-1])
-    edges = np.union1d(np.linspace(0.0, BEYOND * near, POINTS), [edge for press in pressed for edge in (press.begin, press.end)])
+    edges = np.union1d(np.linspace(0.0, BEYOND * near, POINTS), [edge for press in prices.pressed for edge in (press.begin, press.end)])
     edges = edges[edges <= BEYOND * near]
     points = np.sort(np.concatenate([edges, (edges[1:] + edges[:-1]) / 2]))
-    p = sampled_costate(bases, parts, pressed, points)
-    total = np.concatenate([[0.0], np.cumsum(_cells(problem, p, np.diff(edges), fuel))])
-    if total[-1] < wanted:
+    p, first = sampled_costate(bases, parts, prices.pressed, points), 0.0
+    if prices.ramps and problem.rate is not None:
+        limits, edges = (problem.lower, problem.upper), points
+        total, first = ramped(p, points, limits, problem.rate, float(prices.fuel), prices.ramps)
+    else:
+        total = np.concatenate([[0.0], np.cumsum(_cells(problem, p, np.diff(edges), float(prices.fuel)))])
+    left = _wanted(problem, costate, edges, price - first * problem.hold, prices) - total
+    refuted = np.flatnonzero(left > 0.0)
+    if not len(refuted):
+        return 0.0
+    at = int(refuted[-1])
+    if at == len(edges) - 1:
         return float(edges[-1])
-    return float(np.interp(wanted, total, edges))
+    return float(edges[at] + (edges[at + 1] - edges[at]) * left[at] / (left[at] - left[at + 1]))
+
+
+def _wanted(problem: Problem, costate: Reals, times: Reals, price: float, prices: Prices) -> Reals:
+    """The left side of (2) less the `price`, for moves of these durations [s]."""
+    if problem.begin is None:
+        return np.full(len(times), float(costate @ problem.target) - price)
+    return costate @ problem.aim(times)[0] - price + sum((press.freely(times) for press in prices.pressed), np.zeros(len(times)))
 
 
 def _cells(problem: Problem, p: Reals, widths: Reals, fuel: float) -> Reals:
@@ -227,19 +244,27 @@ def _cells(problem: Problem, p: Reals, widths: Reals, fuel: float) -> Reals:
     return total
 
 
-def _sampled(problem: Problem, costate: Reals, near: float, price: float, fuel: float) -> float:
+def _sampled(problem: Problem, costate: Reals, near: float, price: float, prices: Prices) -> float:
     """The least number of samples that is not refuted, in seconds: `∫σ(p)` is `Σ_k σ(∫_cell p)` for an input that is constant over cells.
 
+    Limits of its steps have multipliers q_k: `∫_cell p - q_k + q_{k-1}` stands for the integral then, and what q_k allows is added.
     Commands of up to two samples more than `near` [s] are looked at.
     """
     step = problem.maneuver.sample_time
     assert step is not None
-    edges = problem.samples(round(near / float(step)) + 2)
+    edges, fuel = problem.samples(round(near / float(step)) + 2), float(prices.fuel)
     table = problem.rows(edges, 1)
-    pieces = costate @ np.diff(table, axis=1)
+    pieces = costate @ np.diff(table, axis=1) - sum((press.over(edges) for press in prices.pressed), np.zeros(len(edges) - 1))
+    q = np.zeros(len(edges))
+    q[: len(prices.steps)] = prices.steps[: len(edges)]
+    pieces -= np.diff(q)
     pieces -= np.clip(pieces, -fuel * np.diff(edges), fuel * np.diff(edges))
     total = np.cumsum(np.maximum(problem.upper * pieces, problem.lower * pieces))
-    rounding = 8 * np.finfo(float).eps * np.cumsum(np.abs(costate) @ np.abs(table))[1:] * max(abs(problem.lower), abs(problem.upper))
-    wanted = costate @ problem.aim(edges[1:])[0] - price
+    if problem.rate is not None:
+        allowed = np.cumsum(np.maximum(problem.rate[1] * q, problem.rate[0] * q)) * float(step)
+        total += allowed[1:]
+    size = np.cumsum(np.abs(costate) @ np.abs(table))[1:] + 4 * np.cumsum(np.abs(q))[1:]
+    rounding = 8 * np.finfo(float).eps * size * max(abs(problem.lower), abs(problem.upper))
+    wanted = _wanted(problem, costate, edges[1:], price - float(q[0]) * problem.hold, prices)
     refuted = np.flatnonzero(total + rounding < wanted)  # and all that are shorter: what is at rest stays there
     return float(edges[min(int(refuted[-1]) + 2, len(edges) - 1)]) if len(refuted) else (float(edges[1]) if problem.begin is None else 0.0)

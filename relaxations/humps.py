@@ -13,6 +13,7 @@ the zeros split from the multiple one of the shaper with derivatives, in Chebysh
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from relaxations.bounded_shapers import bounded
 from relaxations.continuation import continued
-from relaxations.errors import ShaperError
+from relaxations.errors import ShaperError, SolverError
 from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper
 
@@ -30,7 +31,15 @@ FIRST_RIPPLE = 1e-3  # so small that the Chebyshev pattern is the solution but f
 MOST_HUMPS = 12  # the equations' condition grows with each
 
 
-def extra_insensitive(mode: Mode, tolerance: float, humps: int = 1) -> Shaper:
+@dataclass(frozen=True, slots=True)
+class Humped:
+    """A shaper, and the modes at which it has its zeros, at the mode's damping, in ascending order of frequency."""
+
+    shaper: Shaper
+    zeros: tuple[Mode, ...]
+
+
+def extra_insensitive(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
     """EI (1), 2-hump EI (2) … with positive amplitudes at any damping; V = `tolerance`, a fraction of the unshaped vibration, in (0, 1).
 
     Raises `ShaperError` for values outside, `SolverError` where the damping cannot be reached.
@@ -39,15 +48,21 @@ def extra_insensitive(mode: Mode, tolerance: float, humps: int = 1) -> Shaper:
     zeros = humps + 1
     amplitudes, places = _undamped(tolerance, zeros)
     phases: Reals = np.pi * np.arange(1.0, zeros + 1.0)
-    found = continued(
-        lambda x, damping: _equations(x[:zeros], x[zeros : 2 * zeros + 1], x[2 * zeros + 1 :], damping, tolerance, True),
-        np.concatenate([phases, amplitudes, np.delete(places, len(places) // 2)]),
-        mode.damping,
-    )
-    return Shaper((0.0, *map(float, found[:zeros] / mode.frequency)), tuple(map(float, found[zeros : 2 * zeros + 1])))
+    try:
+        found = continued(
+            lambda x, damping: _equations(x[:zeros], x[zeros : 2 * zeros + 1], x[2 * zeros + 1 :], damping, tolerance, True),
+            np.concatenate([phases, amplitudes, np.delete(places, len(places) // 2)]),
+            mode.damping,
+        )
+    except SolverError as problem:  # with damping the highest zeros move away, in the end beyond all frequencies
+        raise SolverError(
+            f"{humps} hump(s) of {tolerance!r} at increasing damping: {problem}; fewer humps reach farther, si and zv-d:N any damping"
+        ) from None
+    shaper = Shaper((0.0, *map(float, found[:zeros] / mode.frequency)), tuple(map(float, found[zeros : 2 * zeros + 1])))
+    return Humped(shaper, _zeros(mode, found[2 * zeros + 1 :]))
 
 
-def unity_magnitude(mode: Mode, tolerance: float, humps: int = 1) -> Shaper:
+def unity_magnitude(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
     """The same with impulses 1, -1, 1 … (2 humps + 3 of them): the shaped step switches between 0 and 1.
 
     Raises as `extra_insensitive`.
@@ -74,7 +89,17 @@ def unity_magnitude(mode: Mode, tolerance: float, humps: int = 1) -> Shaper:
 
     phases = continued(vanishing, phases, 1.0, 0.5)
     found = continued(system, np.concatenate([phases, np.delete(places, zeros - 1)]), 1.0)
-    return Shaper((0.0, *map(float, found[: 2 * zeros] / mode.frequency)), tuple(map(float, amplitudes)))
+    shaper = Shaper((0.0, *map(float, found[: 2 * zeros] / mode.frequency)), tuple(map(float, amplitudes)))
+    return Humped(shaper, _zeros(mode, found[2 * zeros :]))
+
+
+def _zeros(mode: Mode, places: Reals) -> tuple[Mode, ...]:
+    """Of zeros and humps in ascending order without the middle one, which is at the mode, every second is a zero."""
+    return tuple(mode.scaled(float(nu)) for nu in _with_middle(places)[::2])
+
+
+def _with_middle(places: Reals) -> Reals:
+    return np.insert(places, len(places) // 2, 1.0)
 
 
 def _require(tolerance: float, humps: int) -> None:
@@ -101,7 +126,7 @@ def _equations(phases: Reals, amplitudes: Reals, places: Reals, damping: float, 
     """The equations above: `places` are zeros and humps in ascending order without the middle one, 1; `phases` without the first, 0."""
     direction = complex(damping, math.sqrt(1.0 - damping**2))
     phi = np.concatenate([[0.0], phases]) - phases[-1]
-    nu = np.insert(places, len(places) // 2, 1.0)
+    nu = _with_middle(places)
     with np.errstate(over="ignore", invalid="ignore"):  # far from a solution numbers may end; such a step is refused
         motions = np.exp(direction * np.multiply.outer(nu, phi))
         values, slopes = motions @ amplitudes, (motions * (direction * phi)) @ amplitudes

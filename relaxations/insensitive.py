@@ -26,7 +26,7 @@ from relaxations.errors import ShaperError, SolverError
 from relaxations.impulses import derivative_shaper
 from relaxations.sensitivity import residual
 from relaxations.shaper_modes import Mode
-from relaxations.shaper_polishing import FAINT, Demand, Extremal, polished, rows
+from relaxations.shaper_polishing import FAINT, Demand, Extremal, polished, rows, vanishing
 from relaxations.shapers import Shaper
 
 Reals = NDArray[np.float64]
@@ -270,12 +270,11 @@ class _Search:
 
     def _condition(self, demand: Demand, weight: complex) -> Condition:
         """The demand as the request implies it: a frequency within the band, and the whole tolerance."""
-        where, tolerance = demand.frequency, Fraction(0)
-        weight /= (where * demand.unit) ** demand.power
-        if demand.tolerance:
-            band = self.bands[demand.band]
-            where, tolerance = min(max(where, band.ends[0]), band.ends[1]), Fraction(repr(band.tolerance))
-        return Condition(Fraction(where), Fraction(demand.damping), tolerance, demand.power, (Fraction(weight.real), Fraction(weight.imag)))
+        if not demand.tolerance:
+            return vanishing(demand, weight)
+        band = self.bands[demand.band]
+        where, tolerance = min(max(demand.frequency, band.ends[0]), band.ends[1]), Fraction(repr(band.tolerance))
+        return Condition(Fraction(where), Fraction(demand.damping), tolerance, 0, (Fraction(weight.real), Fraction(weight.imag)))
 
 
 def exceeded(times: Reals, amplitudes: Reals, bands: Sequence[Band], factor: float) -> list[Demand]:

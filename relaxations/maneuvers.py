@@ -19,49 +19,15 @@ from relaxations.courses import Course, courses_of
 from relaxations.errors import ManeuverError
 from relaxations.frames import Frame
 from relaxations.initial import at_rest, moments, moved
+from relaxations.limits import Limits
 from relaxations.moments import Basis
-from relaxations.plants import Exact, LinearPlant, Pole, exact, roots
+from relaxations.plants import LinearPlant, Pole, roots
 from relaxations.ramps import hats, rate_of
 from relaxations.residuals import Residuals, Sample
 from relaxations.tails import TailLength, TailSpace, caps, tail_columns
+from relaxations.transitions import Transition
 
 Reals = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Limits `lower ≤ u(t) ≤ upper`, absolute, input units, exact; where given, `∫_0^T |u - u_0| dt ≤ fuel` (input units · s), and by how
-    much each of these named outputs may leave its first rest value, ever (output units). With a `rate` the input is continuous, its slope
-    within these two (input units per second)."""
-
-    lower: Fraction
-    upper: Fraction
-    fuel: Fraction | None = None
-    pulse_width: Fraction | None = None
-    pulses: int | None = None
-    deflection: Mapping[str, Fraction] = field(default_factory=dict)
-    rate: tuple[Fraction, Fraction] | None = None
-
-    @property
-    def pulsed(self) -> bool:
-        """Whether pulses have a least width or a largest number: pieces of constant input, other than the one at rest."""
-        return self.pulse_width is not None or self.pulses is not None
-
-    @staticmethod
-    def of(
-        lower: Exact,
-        upper: Exact,
-        fuel: Exact | None = None,
-        deflection: Mapping[str, Exact] | None = None,
-        rate: tuple[Exact, Exact] | None = None,
-    ) -> Limits:
-        """From numbers as written; raises `ManeuverError` if they are not ascending."""
-        deflections = {name: exact(limit) for name, limit in (deflection or {}).items()}
-        slope = rate and (exact(rate[0]), exact(rate[1]))
-        limits = Limits(exact(lower), exact(upper), None if fuel is None else exact(fuel), deflection=deflections, rate=slope)
-        if not limits.lower < limits.upper:
-            raise ManeuverError(f"limits ascend: [{float(limits.lower)!r}, {float(limits.upper)!r}] leaves the input no room")
-        return limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,11 +86,22 @@ class Problem:
     begin: Reals | None = None  # moments of an initial state
     notes: tuple[str, ...] = field(default=())
     frame: Frame | None = None
+    transition: Transition | None = None  # of a plant that varies (`relaxations.varying`): t then stands where time to go does
 
     @property
     def bang_bang(self) -> bool:
         """Whether the input's limits alone shape the command: it is then on one of them nearly everywhere."""
         return self.residuals is None and self.fuel is None and not self.courses and self.rate is None
+
+    @property
+    def sloped(self) -> bool:
+        """Whether the input is continuous: its slope is limited. (With a sample time its steps are, and it is constant in between.)"""
+        return self.rate is not None and self.maneuver.sample_time is None
+
+    @property
+    def switched(self) -> bool:
+        """Whether the command is on a limit of the input or, where fuel has a price, at rest nearly everywhere: switch times say it all."""
+        return self.residuals is None and not self.courses and self.rate is None
 
     @property
     def eased(self) -> Problem:
@@ -133,7 +110,7 @@ class Problem:
 
     def table(self, instants: Reals) -> Reals:
         """The moments at the end of the grid of a unit level in each cell, or of a unit value at each node but the first: (size, N)."""
-        if self.rate is not None:
+        if self.sloped:
             return hats(self.rows, instants)
         integrated = self.rows(instants[-1] - instants, 1)
         return integrated[:, :-1] - integrated[:, 1:]
@@ -286,7 +263,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         tail,
         float(maneuver.rest),
         None if fuel is None else float(fuel),
-        courses_of(plants, maneuver),
+        courses_of(plants, maneuver, begin),
         rate_of(maneuver),
         residuals,
         begin,

@@ -19,6 +19,8 @@ from relaxations.plants import Partial, Pole
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
+NEGLIGIBLE = 1e-19  # of a series' first term: its sum is never so much smaller that this could be seen in a double
+
 
 def _chain(pole: complex, power: int, integrals: int, s: Reals) -> Complexes:
     """The `integrals`-fold integral from 0 of `s^power/power! e^{pole s}` at s ≥ 0: transform `1/(σ^integrals (σ - pole)^(power+1))`.
@@ -38,10 +40,13 @@ def _chain(pole: complex, power: int, integrals: int, s: Reals) -> Complexes:
         term = (x ** (power + integrals) / factorial(power + integrals)).astype(complex)
         if mirrored:
             term *= np.exp(pole * x)
-        total = term.copy()
-        for k in range(40 + 4 * power):
-            term = term * (rate * x) * ((first + k) / ((power + integrals + 1 + k) * (k + 1)))
+        total, x = term.copy(), rate * x
+        size, largest, k = 1.0, float(np.abs(x).max()), 0
+        while size > NEGLIGIBLE:  # the factors fall: |pole s| ≤ 1 + power
+            factor = (first + k) / ((power + integrals + 1 + k) * (k + 1))
+            term = term * (x * factor)
             total += term
+            size, k = size * largest * factor, k + 1
         result[near] = total
     far = ~near
     if far.any():

@@ -3,7 +3,8 @@ agree to the last bit of a double.
 
 The equations are those of `relaxations.refinement`. With as many instants and tail coefficients as the command's own equations (moments,
 contacts of the tail) they are solved for the command alone, and the costate follows from linear equations; with more of them the costate
-takes part. python-flint's balls serve as long floats here, nothing is proven.
+takes part. A budget of fuel is one more of the command's equations, its price one more unknown beside the costate. python-flint's balls
+serve as long floats here, nothing is proven.
 """
 
 from __future__ import annotations
@@ -27,18 +28,19 @@ ITERATIONS = 30
 MOST_EQUATIONS = 1000
 SHARES = (1, 0.5, 0.25, 0.125, 2.0**-4, 2.0**-6, 2.0**-8)
 DIGITS = 45  # of the numbers handed on
-INSIDE = Fraction(1, 10**30)  # of the input's range, or a cap: how far a tail that touches a limit is kept inside it
+INSIDE = Fraction(1, 10**30)  # of the input's range, a cap, a budget: how far a tail that touches a limit is kept inside it, or fuel saved
 
 
 @dataclass(frozen=True, slots=True)
 class Polished:
-    """An extremal in exact decimals of many digits: duration T [s], starts [s], costate rows, tail coefficients and contact multipliers."""
+    """An extremal in exact decimals of many digits: duration T [s], starts [s], costate rows, tail coefficients and multipliers."""
 
     maneuver_time: Fraction
     starts: tuple[Fraction, ...]
     costate: tuple[Fraction, ...]
     tail: tuple[Fraction, ...]
     multipliers: tuple[tuple[Fraction, Fraction, Fraction], ...]  # (instant after the move [s], μ⁺, μ⁻)
+    fuel: Fraction  # what a unit of it is worth
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +48,8 @@ class _System:
     """The equations of an extremal in two blocks: those of the command x = (s, T, c, τ), and those of the costate y = (λ, μ), linear in y.
 
     `∫ b u = target + columns c`, `e(τ) c = inside`, and `e'(τ) c = 0` for the contacts that move (their places are τ, e their rows);
-    `b(s_i)ᵀ λ = 0`, `columnsᵀ λ + eᵀ μ = 0` and `targetᵀ λ - roomᵀ μ = 1`.
+    `b(s_i)ᵀ λ = 0`, `columnsᵀ λ + eᵀ μ = 0` and `targetᵀ λ - roomᵀ μ = 1`. With a `fuel` that is left (a list of one, else of none) the
+    first are those of -|u| too, and λ has its price.
     """
 
     exact: Equations
@@ -54,6 +57,22 @@ class _System:
     contacts: tuple[Contact, ...]
     room: Sequence[arb]
     inside: Sequence[arb]
+    fuel: Sequence[arb]
+
+    @property
+    def size(self) -> int:
+        """Number of the components of λ."""
+        return self.exact.target.nrows() + len(self.fuel)
+
+    def lasting(self, rows: arb_mat, values: Sequence[arb]) -> list[list[arb]]:
+        """Rows of the moments, and the one of the fuel if there is a budget."""
+        return [*rows.tolist(), *([*values] for _ in self.fuel)]
+
+    @property
+    def spent(self) -> list[arb]:
+        """What the fuel's row is worth where a unit of jump is at each switch, and at the beginning of the move."""
+        jumps = [*itertools.pairwise(self.levels), (self.levels[-1], arb(0))]
+        return [-(abs(before) - abs(after)) / (before - after) if before != after else arb(0) for before, after in jumps]
 
     @property
     def moving(self) -> list[int]:
@@ -64,7 +83,7 @@ class _System:
     def sizes(self) -> tuple[int, int]:
         """Numbers of unknowns of the command and of the costate."""
         command = len(self.levels) + self.exact.columns.ncols() + len(self.moving)
-        return command, self.exact.target.nrows() + len(self.contacts)
+        return command, self.size + len(self.contacts)
 
     def places(self, z: Sequence[arb]) -> list[arb]:
         """Where the contacts are."""
@@ -80,7 +99,9 @@ class _System:
         integrals, impulses = self.exact.rows(instants, True), self.exact.rows(instants)
         jumps = [*(before - after for before, after in itertools.pairwise(self.levels)), self.levels[-1]]
         missed = (integrals * arb_mat(arcs, 1, jumps) - self.exact.target - self.exact.columns * tail).entries()
-        rows = zip(impulses.tolist(), self.exact.columns.tolist(), strict=True)
+        widths = [after - before for before, after in itertools.pairwise([arb(0), *instants])]
+        missed += [left - sum((abs(u) * width for u, width in zip(self.levels, widths, strict=True)), arb(0)) for left in self.fuel]
+        rows = zip(self.lasting(impulses, self.spent), self.lasting(self.exact.columns, [arb(0)] * n), strict=True)
         still = [arb(0)] * len(moving)
         slopes = [[*(b * jump for b, jump in zip(row, jumps, strict=True)), *(-c for c in columns), *still] for row, columns in rows]
         touching, turning, bending = (self.exact.touching(self.contacts, places, derivative) for derivative in range(3))
@@ -96,10 +117,11 @@ class _System:
     def costate(self, z: Sequence[arb]) -> tuple[arb_mat, arb_mat]:
         """Matrix and right side of the costate's equations."""
         impulses, touching = self.exact.rows(z[: len(self.levels) - 1]), self.exact.touching(self.contacts, self.places(z))
-        rows = [[*column, *[arb(0)] * len(self.contacts)] for column in impulses.transpose().tolist()]
-        tails = zip(self.exact.columns.transpose().tolist(), touching.transpose().tolist(), strict=True)
-        rows += [[*column, *shape] for column, shape in tails] if self.exact.columns.ncols() else []
-        rows += [[*self.exact.target.entries(), *(-room for room in self.room)]]
+        n = self.exact.columns.ncols()
+        rows = [[*column, *[arb(0)] * len(self.contacts)] for column in zip(*self.lasting(impulses, self.spent[:-1]), strict=True)]
+        tails = zip(zip(*self.lasting(self.exact.columns, [arb(0)] * n), strict=True), touching.transpose().tolist(), strict=True)
+        rows += [[*column, *shape] for column, shape in tails] if n else []
+        rows += [[*self.exact.target.entries(), *(arb(0) for _ in self.fuel), *(-room for room in self.room)]]
         return arb_mat(rows), arb_mat(len(rows), 1, [0] * (len(rows) - 1) + [1])
 
     def step(self, z: Sequence[arb]) -> list[arb]:
@@ -110,8 +132,8 @@ class _System:
             return _solved(arb_mat(slopes), arb_mat(command, 1, missed))
         matrix, wanted = self.costate(z)
         y, m, n, size = arb_mat(costate, 1, z[command:]), len(self.levels) - 1, self.exact.columns.ncols(), self.exact.target.nrows()
-        bends = (arb_mat(1, size, y.entries()[:size]) * self.exact.slopes() * self.exact.rows(z[:m])).entries()
-        turning, prices = self.exact.touching(self.contacts, self.places(z), 1).tolist(), y.entries()[size:]
+        bends = (arb_mat(1, size, y.entries()[:size]) * self.exact.changes(z[:m])).entries()
+        turning, prices = self.exact.touching(self.contacts, self.places(z), 1).tolist(), y.entries()[self.size :]
         whole = [[*row, *[arb(0)] * costate] for row in slopes]
         for i, row in enumerate(matrix.tolist()):
             by_command = [arb(0)] * command
@@ -147,13 +169,16 @@ def _polish(problem: Problem, extremal: Extremal, bits: int) -> Polished | None:
     room = [_allowance(problem, exact, contact) for contact in contacts]
     reach = problem.maneuver.limits.upper - problem.maneuver.limits.lower
     margins = [rational(INSIDE) * (r if c.cap is not None else arb(rational(reach))) for c, r in zip(contacts, room, strict=True)]
-    levels = [arb(rational(_level(problem, float(level)))) for level in extremal.levels(problem)]
-    system = _System(exact, levels, contacts, room, [r - margin for r, margin in zip(room, margins, strict=True)])
+    levels = [arb(rational(level - problem.maneuver.rest)) for level in extremal.exact_levels]
+    fuel = problem.maneuver.limits.fuel if problem.fuel is not None else None
+    left = [] if fuel is None else [arb(rational(fuel * (1 - INSIDE)))]
+    system = _System(exact, levels, contacts, room, [r - margin for r, margin in zip(room, margins, strict=True)], left)
     command, costate = system.sizes
     begin = (*extremal.switches_to_go, extremal.maneuver_time, *extremal.tail.coefficients, *(c.place for c in contacts if c.moving))
     z, spare = [arb(float(value)) for value in begin], command - len(system.moving) - costate
     if spare > 0:  # the costate's roots determine the switches
-        z += [arb(rational(Fraction(value))) for value in problem.modal(extremal.costate)] + [arb(c.multiplier) for c in contacts]
+        z += [arb(rational(Fraction(value))) for value in problem.modal(extremal.costate)] + [arb(extremal.fuel) for _ in left]
+        z += [arb(c.multiplier) for c in contacts]
     if spare < 0 or len(z) > MOST_EQUATIONS:
         return None
     found = _newton(system, z, bits)
@@ -167,10 +192,10 @@ def _polish(problem: Problem, extremal: Extremal, bits: int) -> Polished | None:
         return None
     tail, moved = numbers[arcs : arcs + problem.tail.size], iter(numbers[arcs + problem.tail.size :])
     at = [max(next(moved), Fraction(0)) if contact.moving else Fraction(contact.place) for contact in contacts]
-    mu = [max(value, Fraction(0)) for value in prices[problem.size :]]
+    mu, price = [max(value, Fraction(0)) for value in prices[system.size :]], sum(prices[problem.size : system.size], Fraction(0))
     on = [(c.side, r, price) for c, r, price in zip(contacts, at, mu, strict=True) if c.cap is None]
     triples = tuple((r, price, Fraction(0)) if side > 0 else (r, Fraction(0), price) for side, r, price in on)
-    return Polished(time, starts, tuple(prices[: problem.size]), tuple(tail), triples)
+    return Polished(time, starts, tuple(prices[: problem.size]), tuple(tail), triples, max(price, Fraction(0)))
 
 
 def _newton(system: _System, z: list[arb], bits: int) -> list[arb] | None:
@@ -195,11 +220,6 @@ def _newton(system: _System, z: list[arb], bits: int) -> list[arb] | None:
 def _ordered(instants: list[arb]) -> bool:
     """Whether times to go and the duration after them ascend from 0."""
     return all(before < after for before, after in itertools.pairwise([arb(0), *instants]))
-
-
-def _level(problem: Problem, deviation: float) -> Fraction:
-    limits, rest = problem.maneuver.limits, problem.maneuver.rest
-    return (limits.upper if deviation == problem.upper else limits.lower) - rest
 
 
 def _allowance(problem: Problem, exact: Equations, contact: Contact) -> arb:

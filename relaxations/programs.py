@@ -16,20 +16,21 @@ evidence: what comes out is a candidate.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from enum import Enum
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.conditioning import framed
-from relaxations.courses import Motion, Press, motion, presses
-from relaxations.errors import ShortHorizonError, SolverError
+from relaxations.courses import Motion, presses
+from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
-from relaxations.ramps import Ramp, priced
-from relaxations.residuals import Residuals
-from relaxations.tails import Looks, moduli
+from relaxations.posing import GridProgram
+from relaxations.prices import NONE, Prices
+from relaxations.ramps import priced
+from relaxations.tails import moduli
 
 Reals = NDArray[np.float64]
 
@@ -44,46 +45,14 @@ SETTINGS: dict[str, Any] = {
 }
 
 
-LOST = 1e-12  # of the largest singular value: smaller ones are rounding
 SMALL = 1e-4  # of the largest limited coefficient: smaller ones are not scaled up any further
 RESIDUAL = 1e-8  # relative; the solver's 1e-10 with room for limits far from the amplitudes used
-DEPENDENT, LOOSE = 1e-4, 1e-2  # what a row adds to those before it, relative to it: where it is less a frame, or another one, is made
-MARGIN = 0.02  # how much longer than the move a frame is, so that it serves for the moves that are looked at next
 
 
-@dataclass(frozen=True, slots=True)
-class GridProgram:
-    """The program as built, of `problem` in the coordinates chosen for it.
+class Slope(Enum):
+    """What of the input's slope is limited: nothing, the slope of a continuous input, its steps from sample to sample."""
 
-    `instants` (N + 1,) of the grid [s] from 0 to the maneuver time, `rows` (m, N) orthonormal, `target` (m,), `basis_change` R with
-    rows = R^{-T} · table, limits in input units; of the tail `columns` (m, n) in the same rows, and its limits `shapes` (k, n) with the
-    room `above` and `below` (k,): at the instants `looks` [s] after the move first, then the faces of its caps, of these `bounds` at the
-    places `capped` of its coefficients. The courses of the move (`motion`) are limited
-    to 1 on either side of zero at α = 1, where they come to rest at `finals`, and to what is left of that beside `α finals` else. All
-    limits but the input's are tightened by the fraction `inside`.
-    """
-
-    problem: Problem
-    instants: Reals
-    rows: Reals
-    target: Reals
-    basis_change: Reals
-    lower: float
-    upper: float
-    columns: Reals
-    looks: Reals
-    shapes: Reals
-    above: Reals
-    below: Reals
-    bounds: Reals
-    capped: tuple[tuple[int, ...], ...]
-    motion: Motion | None = None
-    inside: float = 0.0
-
-    @property
-    def maneuver_time(self) -> float:
-        """T [s]."""
-        return float(self.instants[-1])
+    FREE, RAMPS, STEPS = range(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +60,8 @@ class GridSolution:
     """What the solver found: fraction α, levels u (N,) in deviations, tail coefficients (n,), and the multipliers.
 
     `costate` λ (size,) belongs to the moment equations, `mu_above` and `mu_below` (k,) ≥ 0 to the tail's limits, `pull` (n,) to its caps:
-    `Sᵀλ + Eᵀ(μ⁺ - μ⁻)`, which is 0 without a cap, `fuel` ≥ 0 [1/input unit · s] to the budget. They are scaled to
-    `λᵀ target - Σ μ⁺ above - Σ μ⁻ below - Σ |pull_k| cap_k = 1`.
+    `Sᵀλ + Eᵀ(μ⁺ - μ⁻)`, which is 0 without a cap, `prices` to all other limits. They are scaled to
+    `λᵀ target - Σ μ⁺ above - Σ μ⁻ below - Σ |pull_k| cap_k = 1`, what else scales with α included.
     """
 
     program: GridProgram
@@ -104,14 +73,12 @@ class GridSolution:
     mu_below: Reals
     pull: Reals
     status: str
-    fuel: float = 0.0
-    pressed: tuple[Press, ...] = ()
+    prices: Prices = NONE
 
     @property
-    def ramps(self) -> tuple[Ramp, ...]:
-        """Where the slope of the levels is on a limit."""
-        rate = self.problem.rate
-        return () if rate is None else priced(self.program.instants, self.levels, rate, self.fuel)
+    def fuel(self) -> float:
+        """The price of the fuel."""
+        return float(self.prices.fuel)
 
     @property
     def problem(self) -> Problem:
@@ -136,7 +103,7 @@ class GridSolution:
 
     def price(self, problem: Problem) -> float:
         """`Σ μ⁺ above + Σ μ⁻ below + Σ |pull_k| cap_k`, what the tail's limits take off the costate's target; that of fuel and courses."""
-        others = self.fuel * (problem.fuel or 0.0) + sum(abs(press.weight) * press.course.limit for press in self.pressed)
+        others = self.fuel * (problem.fuel or 0.0) + sum(abs(press.weight) * press.course.limit for press in self.prices.pressed)
         return _price(self.program, self.mu_above, self.mu_below, self.pull) + others
 
     @property
@@ -163,78 +130,14 @@ def _price(program: GridProgram, above: Reals, below: Reals, pull: Reals) -> flo
     return float(limits + moduli(pull, program.capped) @ program.bounds)
 
 
-def build(problem: Problem, instants: Reals, looks: Looks | None = None, inside: float = 0.0) -> GridProgram:
-    """The program on the grid of `instants` [s], ascending from 0 to the maneuver time; raises `ShortHorizonError` if too short a time.
-
-    `looks` says where the tail's limits are imposed (None: as the problem's tail does at first), tightened by the fraction `inside`.
-    """
-    horizon, cells = float(instants[-1]), len(instants) - 1
-    if problem.frame and problem.frame.horizon < horizon:
-        problem = framed(problem, horizon * (1.0 + MARGIN)) or replace(problem, frame=None)
-    orthonormal, change, least = _orthonormal(problem, instants)
-    if least < (LOOSE if problem.frame else DEPENDENT) and cells >= problem.size and (other := framed(problem, horizon * (1.0 + MARGIN))):
-        problem = other
-        orthonormal, change, least = _orthonormal(problem, instants)
-    if cells < problem.size or least <= cells * np.finfo(float).eps:
-        raise ShortHorizonError(f"the moment equations are dependent on {cells} intervals over {horizon!r} s")
-    target: Reals = np.linalg.solve(change.T, problem.aimed(horizon)).astype(np.float64)
-    columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
-    moves = problem, instants, orthonormal.T, target, change, problem.lower, problem.upper, columns
-    extra = looks.moving if looks else np.zeros((0, 2))
-    bent = motion(problem.courses, instants, extra) if problem.courses else None, inside
-    if problem.residuals is not None:
-        return _with_residuals(GridProgram(*moves, *_NO_LIMITS, *bent), problem.residuals, looks, inside)
-    tail = problem.tail
-    at, (faces, room) = looks or tail.looks(), tail.faces((looks or tail.looks()).turns)
-    above, below = (np.concatenate([side, room]) * (1.0 - inside) for side in tail.room(at.instants))
-    shapes, bounds = np.vstack([tail.rows(at.instants), faces]), np.array([cap.bound for cap in tail.caps]) * (1.0 - inside)
-    return GridProgram(*moves, at.instants, shapes, above, below, bounds, tuple(cap.at for cap in tail.caps), *bent)
-
-
-def _orthonormal(problem: Problem, instants: Reals) -> tuple[Reals, Reals, float]:
-    """Q and R of the transposed table of moments on the grid, and the least share of a row that is not a combination of those before."""
-    if not problem.size:
-        return np.zeros((len(instants) - 1, 0)), np.zeros((0, 0)), 1.0
-    orthonormal, change = np.linalg.qr(problem.table(instants).T)
-    with np.errstate(over="ignore"):  # what is too large to be measured counts as dependent
-        lengths = np.linalg.norm(change, axis=0)
-    return orthonormal, change, float(np.min(np.abs(np.diag(change)) / lengths[: len(change)]))
-
-
-_NO_LIMITS = np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0), ()
-
-
-def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | None, inside: float) -> GridProgram:
-    """The limits `|R M - α e| ≤ α allowed` through the few directions that the moments have: `W u = z`, orthonormal, z free like a tail.
-
-    The motions of neighbouring plants hardly differ in the time that a move lasts, so their rows are dependent but for rounding.
-    """
-    at = residuals.looks() if looks is None else looks.instants
-    rows, offset = residuals.rows(at)
-    left, size, right = np.linalg.svd(residuals.table(program.instants), full_matrices=False)
-    kept = size > LOST * size.max(initial=0.0)
-    shapes, directions = rows @ (left[:, kept] * size[kept]), right[kept]
-    allowed, free = residuals.allowed * (1.0 - inside), len(directions)
-    return replace(
-        program,
-        rows=np.vstack([program.rows, directions]),
-        target=np.concatenate([program.target, np.zeros(free)]),
-        columns=np.vstack([np.zeros((len(program.target), free)), np.eye(free)]),
-        looks=at,
-        shapes=shapes,
-        above=allowed + offset,
-        below=allowed - offset,
-    )
-
-
 @lru_cache(maxsize=16)
-def _compiled(size: int, cells: int, coefficients: int, looks: int, budget: bool, ramps: bool) -> dict[str, Any]:
+def _compiled(size: int, cells: int, coefficients: int, looks: int, budget: bool, slope: Slope) -> dict[str, Any]:
     """The parametrised cvxpy problem of one shape, compiled once (a re-solve then costs a tenth)."""
-    return _stated(size, cells, coefficients, looks, budget, ramps)
+    return _stated(size, cells, coefficients, looks, budget, slope)
 
 
 def _stated(
-    size: int, cells: int, coefficients: int, looks: int, budget: bool, ramps: bool, motion: Motion | None = None
+    size: int, cells: int, coefficients: int, looks: int, budget: bool, slope: Slope, motion: Motion | None = None
 ) -> dict[str, Any]:
     """The cvxpy problem of one shape, by the names of its parameters, variables and constraints; courses are constants in it."""
     import cvxpy as cp
@@ -258,10 +161,13 @@ def _stated(
         shape = named["shapes"] @ named["tail"]
         named |= {"ceiling": shape <= fraction * named["above"], "floor": -shape <= fraction * named["below"]}
         limits += [named["ceiling"], named["floor"]]
-    if ramps:
-        named |= {"rising": cp.Parameter(cells), "falling": cp.Parameter(cells), "end": cp.Parameter()}
-        steps = levels - cp.hstack([0.0, levels[:-1]])
-        limits += [steps <= named["rising"], steps >= named["falling"], levels[-1] == fraction * named["end"]]
+    if slope is not Slope.FREE:
+        count = cells if slope is Slope.RAMPS else cells + 1  # to the final rest it is one more step, and the last ramp ends there
+        named |= {"rising": cp.Parameter(count), "falling": cp.Parameter(count), "end": cp.Parameter()}
+        end = cp.hstack([fraction * named["end"]])
+        steps = cp.hstack([levels, end])[:count] - cp.hstack([0.0, levels])[:count]
+        named |= {"up": steps <= named["rising"], "down": steps >= named["falling"]}
+        limits += [named["up"], named["down"], *([levels[-1:] == end] if slope is Slope.RAMPS else [])]
     if motion is not None:
         count, past = len(motion.places), motion.unknowns
         named |= {"half": cp.Parameter(), "risen": cp.Parameter(count), "over": cp.Parameter(count), "under": cp.Parameter(count)}
@@ -280,11 +186,12 @@ def solve(program: GridProgram) -> GridSolution:
     from cvxpy.error import SolverError as NotSolvedError
 
     (looks, coefficients), cells, fuel = program.shapes.shape, program.rows.shape[1], program.problem.fuel
-    size, motion, imposed, ramps = len(program.rows), program.motion, looks if coefficients else 0, program.problem.rate is not None
+    size, motion, imposed, rate = len(program.rows), program.motion, looks if coefficients else 0, program.problem.rate
+    slope = Slope.FREE if rate is None else Slope.RAMPS if program.problem.sloped else Slope.STEPS
     if motion is None:
-        compiled = _compiled(size, cells, coefficients, imposed, fuel is not None, ramps)
+        compiled = _compiled(size, cells, coefficients, imposed, fuel is not None, slope)
     else:
-        compiled = _stated(size, cells, coefficients, imposed, fuel is not None, ramps, motion)
+        compiled = _stated(size, cells, coefficients, imposed, fuel is not None, slope, motion)
     # Levels are measured in half the actuator's range, the target in its own length, a tail coefficient in what fills that range: every
     # number is then of order one.
     half = (program.upper - program.lower) / 2
@@ -301,14 +208,15 @@ def solve(program: GridProgram) -> GridSolution:
     width = program.maneuver_time / cells
     if fuel is not None:
         values |= {"widths": np.diff(program.instants) / width, "fuel": fuel / (half * width)}
-    if (rate := program.problem.rate) is not None:
-        steps = np.diff(program.instants) / half
+    if rate is not None:
+        step = program.problem.maneuver.sample_time
+        steps = np.diff(program.instants) / half if step is None else np.full(cells + 1, float(step) / half)
         values |= {"rising": rate[1] * steps, "falling": rate[0] * steps, "end": program.problem.hold / length}
-        if fuel is not None:  # nodes carry half of either cell
+        if fuel is not None and step is None:  # nodes carry half of either cell
             values["widths"] = (values["widths"] + np.append(values["widths"][1:], 0.0)) / 2
     if motion is not None:
         most = 1.0 - program.inside
-        values |= {"half": half, "risen": half / length * motion.finals}
+        values |= {"half": half, "risen": half / length * (motion.finals - motion.free)}
         values |= {"over": np.maximum(most - motion.finals, 0.0), "under": np.maximum(most + motion.finals, 0.0)}
     for name, value in values.items():
         compiled[name].value = value
@@ -336,8 +244,8 @@ def solve(program: GridProgram) -> GridSolution:
     k = len(program.looks)
     pull = program.columns.T @ multiplier + program.shapes[:k].T @ (prices[0] - prices[1])[:k]
     bent = [np.maximum(compiled[name].dual_value, 0.0) for name in ("bent", "unbent")] if motion is not None else []
-    pressed = presses(program.problem.courses, motion.places, half * (bent[0] - bent[1]), program.instants) if motion is not None else ()
-    risen = sum(press.weight * press.course.final for press in pressed)
+    held = half * (bent[0] - bent[1]) if motion is not None else np.zeros(0)
+    risen = float(held @ (motion.finals - motion.free)) if motion is not None else 0.0
     scale = float(multiplier @ program.target) - _price(program, prices[0], prices[1], pull) - risen
     if scale <= 0.0:
         raise SolverError(f"the multipliers at T = {program.maneuver_time!r} s vanish on the target")
@@ -351,9 +259,19 @@ def solve(program: GridProgram) -> GridSolution:
         prices[1] / scale,
         pull / scale,
         status,
-        0.0 if fuel is None else max(float(compiled["budget"].dual_value), 0.0) / (width * scale),
-        tuple(replace(press, weight=press.weight / scale) for press in pressed),
+        _prices(program, levels, compiled, held / scale, slope, width, scale),
     )
+
+
+def _prices(program: GridProgram, levels: Reals, compiled: dict[str, Any], held: Reals, slope: Slope, width: float, scale: float) -> Prices:
+    """What the solver says of the limits that do not scale with α."""
+    posed, motion = program.problem, program.motion
+    fuel = 0.0 if posed.fuel is None else max(float(compiled["budget"].dual_value), 0.0) / (width * scale)
+    spread = posed.maneuver.sample_time is None
+    pressed = presses(posed.courses, motion.places, held, program.instants, spread) if motion is not None else ()
+    ramps = priced(program.instants, levels, posed.rate, fuel) if posed.rate and slope is Slope.RAMPS else ()
+    up, down = (np.maximum(compiled[name].dual_value, 0.0) for name in ("up", "down")) if slope is Slope.STEPS else (np.zeros(0),) * 2
+    return Prices(fuel, pressed, ramps, tuple(float(x) for x in (up - down)[::-1] / scale))
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,18 +284,20 @@ class ConeSolution:
     multipliers: NDArray[np.complex128]
 
 
-def closest(columns: NDArray[np.complex128], radii: Reals) -> ConeSolution:
+def closest(columns: NDArray[np.complex128], radii: Reals, negative: float = 0.0) -> ConeSolution:
     """Minimise r subject to `|Z x|_i ≤ radii_i + r`, `Σ x = 1`, x ≥ 0, for complex columns Z (k, N): a second-order cone program.
 
-    The multipliers are scaled to Σ|y| = 1 and turned so that `Re(ȳᵀ Z)_n ≥ λ` for all n and `r = λ - Σ |y| radii`. Raises `SolverError`.
+    With `negative` > 0 the negative parts of x may sum to that much in size. The multipliers are scaled to Σ|y| = 1 and turned so that for
+    q = Re(ȳᵀ Z) and N = `negative` `r = (1 + N) min q - N max q - Σ |y| radii`, λ = min q. Raises `SolverError`.
     """
     import cvxpy as cp
     from cvxpy.error import SolverError as NotSolvedError
 
     x, r = cp.Variable(columns.shape[1]), cp.Variable()
+    below: Any = cp.Variable(columns.shape[1], nonneg=True) if negative else 0
     reached = cp.vstack([columns.real @ x, columns.imag @ x])
     circles = cp.SOC(radii + r, reached, axis=0)
-    limits: list[Any] = [circles, cp.sum(x) == 1, x >= 0]
+    limits: list[Any] = [circles, cp.sum(x) == 1, x + below >= 0, *([cp.sum(below) <= negative] if negative else [])]
     program = cp.Problem(cp.Minimize(r), limits)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # as above: judged by what is used of it
@@ -395,4 +315,4 @@ def closest(columns: NDArray[np.complex128], radii: Reals) -> ConeSolution:
     turned = (multipliers.conj() @ columns).real
     if float(turned @ x.value) < 0.0:
         multipliers, turned = -multipliers, -turned
-    return ConeSolution(np.maximum(x.value, 0.0), float(r.value), float(turned.min()), multipliers)
+    return ConeSolution(x.value if negative else np.maximum(x.value, 0.0), float(r.value), float(turned.min()), multipliers)

@@ -8,8 +8,10 @@ bracket ──► extremal, 45 digits ──► certificate of both sides       
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -20,12 +22,15 @@ from numpy.typing import NDArray
 from relaxations import certificates, programs
 from relaxations.bounds import (
     CUTS,
+    FLAT,
+    NEAR,
     Bound,
     Settings,
     Status,
     bracket,
     contacts,
     cut,
+    exponent_of,
     instants,
 )
 from relaxations.certificates import Number, Numbers
@@ -37,13 +42,15 @@ from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.plants import fraction
 from relaxations.polishing import Polished, polish
+from relaxations.prices import Prices
 from relaxations.refinement import Extremal, outline
-from relaxations.repair import SNAP, pivots
+from relaxations.repair import SNAP, pivots, zoomed
 from relaxations.robust import further, minimum
 from relaxations.robust_proofs import robust_time
 from relaxations.sampling import sampled_bracket
 from relaxations.sides import RADII, Proof, Side, accepted, concluded, instant_proof, landed, lower_side, rounded
 from relaxations.thrusters import Pulsed, admissible, pulsed_commands
+from relaxations.varying import varying_time
 
 Reals = NDArray[np.float64]
 
@@ -52,6 +59,9 @@ SMALL = 1e-7
 
 BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
+
+CLOSEST, ZOOMS, ZOOMED = 1e-8, 4, (1e-9, 3e-9, 1e-8, 3e-8, 1e-7)
+"""Gap above which that is tried on denser grids too; how often cells are cut where the command changes; how far beyond it may go then."""
 
 TRIED = 12  # commands of pulses, the shortest ones, whose proof is tried
 
@@ -73,6 +83,8 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
     """
     begun, chosen = time.perf_counter(), settings or Settings()
     task = certificates.task(problem)
+    if problem.transition is not None:
+        return varying_time(problem, task, chosen, near, begun)
     for form, witness in _impossible(problem):
         content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, witness, None)
         if check(content).outcome is Outcome.PROVED:
@@ -91,7 +103,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
     proof, found, count, trouble = Proof(), None, 0, None
     gridded = problem.maneuver.sample_time is not None
     if problem.courses or problem.rate is not None:
-        chosen = replace(chosen.finer(4 if problem.rate is not None else 2), tolerance=max(chosen.tolerance, CLOSE))
+        chosen = replace(chosen.finer(4 if problem.sloped else 2), tolerance=max(chosen.tolerance, CLOSE))
     look = sampled_bracket if gridded else bracket
     if not gridded and problem.eased.bang_bang and not problem.bang_bang and (first := _at_ease(problem, task, chosen)) is not None:
         return replace(first, seconds=time.perf_counter() - begun)
@@ -179,9 +191,9 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         return instant_proof(problem, task, found)
     proof, extremal = Proof(), None if problem.maneuver.sample_time is not None else found.dual
     problem = extremal.problem if extremal else problem
-    if isinstance(extremal, programs.GridSolution) and found.upper is not None and problem.bang_bang:
+    if isinstance(extremal, programs.GridSolution) and found.upper is not None and problem.switched:
         # Where Newton's method in doubles failed, one in more digits may find its way from the grid.
-        extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal))
+        extremal = outline(problem, extremal.costate, extremal.maneuver_time, contacts(problem, extremal), extremal.fuel)
     if isinstance(extremal, Extremal) and (polished := polish(problem, extremal)) is not None:
         proof = _regular(problem, task, extremal, polished)
     if isinstance(extremal, Extremal) and extremal is found.dual and proof.upper is None:
@@ -190,6 +202,9 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
     above: programs.GridSolution | None = None
     if proof.upper is None and found.upper is not None:
         repaired, above = _repaired(problem, task, _grids(problem, found, settings))
+        if repaired.upper is None or repaired.upper.claim > found.lower * (1.0 + CLOSEST):
+            closer, nearer = _repaired(problem, task, _closer(problem, found, settings))
+            repaired, above = repaired.better(closer), nearer or above
         proof = proof.better(repaired)
     if proof.lower is None:
         for dual in (found.dual, above):
@@ -207,20 +222,20 @@ def _near(problem: Problem, found: Bound, dual: Extremal | programs.GridSolution
 def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polished: Polished) -> Proof:
     """Both sides of a regular optimum, claimed a double below and a double above the duration."""
     middle = float(polished.maneuver_time)
-    witness = certificates.costate_witness(problem, polished.costate, polished.multipliers)
+    witness = certificates.costate_witness(problem, polished.costate, polished.multipliers, Prices(polished.fuel))
     lower: Side | None = Side(Fraction(float(np.nextafter(middle, 0.0))), witness)
     above = Fraction(float(np.nextafter(middle, np.inf)))
-    for upper in _witnesses(problem, _limits(problem, extremal), polished.maneuver_time, polished.starts, polished.tail):
+    for upper in _witnesses(problem, extremal.exact_levels[::-1], polished.maneuver_time, polished.starts, polished.tail):
         side = Side(above, upper)
-        if accepted(task, lower, side):
-            return Proof(lower, side, _bang_bang(problem, extremal, polished, above), len(polished.starts) - 1)
+        if content := accepted(task, lower, side):
+            return Proof(lower, side, _bang_bang(problem, extremal, polished, above), len(polished.starts) - 1, content)
     return Proof(lower if lower and accepted(task, lower=lower) else None)
 
 
 def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: Bound) -> Side | None:
     """The upper side of an extremal in doubles."""
     starts = np.concatenate([[0.0], extremal.maneuver_time - extremal.switches_to_go[::-1]])  # of the command some may have merged
-    for witness in _witnesses(problem, _limits(problem, extremal), extremal.maneuver_time, starts, found.tail):
+    for witness in _witnesses(problem, extremal.exact_levels[::-1], extremal.maneuver_time, starts, found.tail):
         for margin in (1e-14, 1e-13, 1e-12):
             side = Side(Fraction(extremal.maneuver_time * (1.0 + margin)), witness)
             if accepted(task, upper=side):
@@ -251,17 +266,26 @@ def _witnesses(problem: Problem, levels: Sequence[Fraction], duration: Number, s
         yield certificates.command_witness(duration, starts, levels, chains, free, radius * float(duration))
 
 
-def _limits(problem: Problem, extremal: Extremal) -> list[Fraction]:
-    """The exact absolute levels of an extremal's arcs, in order of time."""
-    limits = problem.maneuver.limits
-    return [limits.upper if level == problem.upper else limits.lower for level in extremal.levels(problem)[::-1]]
-
-
 def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: Fraction) -> Command:
-    arcs = {float(s): float(v) for s, v in zip(polished.starts, _limits(problem, extremal), strict=True)}
+    arcs = {float(s): float(v) for s, v in zip(polished.starts, extremal.exact_levels[::-1], strict=True)}
     segments = tuple(Segment(start, level) for start, level in arcs.items())  # of arcs that a double cannot tell apart the last
     terms = problem.tail.terms(np.array([float(c) for c in polished.tail]))
     return Command(float(upper), segments, Tail(problem.absolute(problem.hold), terms))
+
+
+def _closer(problem: Problem, found: Bound, settings: Settings) -> Iterator[tuple[Reals, float]]:
+    """Grids a little beyond a bracket's lower side, very dense where the command changes, as `_grids` has them."""
+    if not problem.switched or problem.maneuver.sample_time is not None or not found.lower:
+        return
+    grid = instants(problem, found.lower, settings)
+    with suppress(SolverError):
+        for _ in range(ZOOMS):
+            solution = cut(problem, grid, 0.0)
+            exponent, off = exponent_of(solution), -math.log(max(solution.fraction, 1e-300))
+            if exponent <= FLAT or abs(off / exponent) > NEAR:
+                return
+            grid = zoomed(solution) * math.exp(off / exponent)
+        yield from ((grid * (1.0 + beyond), beyond / 4.0) for beyond in ZOOMED)
 
 
 def _grids(problem: Problem, found: Bound, settings: Settings) -> Iterator[tuple[Reals, float]]:

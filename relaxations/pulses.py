@@ -2,7 +2,8 @@
 
 A sequence of pulses u(t), 0 ≤ u ≤ a, of integral 1 that leaves modes at rest is a command from rest to rest of the plant
 `1/s ∏ ω²/(s² + 2ζωs + ω²)`, displacement 1: its fastest one is on-off, and `relaxations.proofs.minimum_time` finds and proves it. Pulses
-that begin at given intervals only need more time: their durations solve the same equations, on as few intervals as were found to do.
+that begin at given intervals only need more time: their durations solve the same equations, on as few intervals as do
+(relaxations.pulse_intervals).
 """
 
 from __future__ import annotations
@@ -14,32 +15,27 @@ from fractions import Fraction
 
 import numpy as np
 from flint import fmpq_poly
-from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from relaxations.bounded_shapers import plant_of
-from relaxations.bounds import Bound
+from relaxations.bounds import Bound, Status
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant, exact, fraction
 from relaxations.proofs import minimum_time
+from relaxations.pulse_intervals import SHORTEST, Pulses, search
 from relaxations.shaper_modes import Mode
 from relaxations.shapers import Pulse, Shaper
 
-Reals = NDArray[np.float64]
-
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)  # of an interval, which is shorter than half a period
-CLOSED = 1e-11  # of equations of order one
-SHORTEST = 1e-9  # of an interval: a pulse that is none
 MORE, MOST = 12, 400  # intervals beyond the fewest that are tried, and intervals at all
 
 
 @dataclass(frozen=True, slots=True)
 class PulseShaper:
-    """A shaper, and the proof of the least duration of such pulses: `bound.lower` [s]."""
+    """A shaper, and the proof of the least duration of such pulses: `bound.lower` [s]; on given intervals, how many of them are needed."""
 
     shaper: Shaper
     bound: Bound
+    intervals: int = 0
 
 
 def pulsed(modes: Sequence[Mode], height: float, derivatives: int = 0) -> PulseShaper:
@@ -71,7 +67,8 @@ def pulsed(modes: Sequence[Mode], height: float, derivatives: int = 0) -> PulseS
 def at_intervals(modes: Sequence[Mode], height: float, interval: float, derivatives: int = 0) -> PulseShaper:
     """Pulses of one `height` [1/s] that begin at multiples of `interval` [s] and last as long as each needs, at most until the next begins.
 
-    Raises `ImpossibleShaperError` for intervals longer than half a period, `ShaperError`, `SolverError` if none were found.
+    On as few intervals as do; `intervals` says how many are proven to be needed. Raises `ImpossibleShaperError` for intervals longer than
+    half a period, `ShaperError`, `SolverError` if none were found.
     """
     if not 0.0 < interval < math.inf:
         raise ShaperError(f"an interval is positive and finite, not {interval!r} s")
@@ -81,54 +78,15 @@ def at_intervals(modes: Sequence[Mode], height: float, interval: float, derivati
     fewest = max(math.ceil(free.bound.lower / interval - 1e-9), 1)
     if fewest > MOST:
         raise ShaperError(f"{fewest} intervals of {interval!r} s are more than {MOST}; longer intervals or higher pulses need fewer")
+    needed = math.ceil(Fraction(free.bound.lower) / exact(repr(interval))) if free.bound.status is Status.PROVED else 0
     for count in range(fewest, min(fewest + MORE, MOST) + 1):
-        widths = _widths(modes, height, interval, derivatives, count)
-        if widths is not None:
-            kept = np.flatnonzero(widths > SHORTEST * interval)
+        found = search(Pulses(tuple(modes), height, interval, derivatives, count))
+        if found.refuted:
+            needed = count + 1
+        if found.widths is not None:
+            kept = np.flatnonzero(found.widths > SHORTEST * interval)
             first = kept[0] * interval
-            area = float(widths[kept].sum()) * height
-            pulses = tuple(Pulse(float(k * interval - first), float(widths[k]), height / area) for k in kept)
-            return PulseShaper(Shaper((), (), (), pulses), free.bound)
+            area = float(found.widths[kept].sum()) * height
+            pulses = tuple(Pulse(float(k * interval - first), float(found.widths[k]), height / area) for k in kept)
+            return PulseShaper(Shaper((), (), (), pulses), free.bound, needed)
     raise SolverError(f"no pulses on {fewest} to {fewest + MORE} intervals of {interval!r} s were found; others may do")
-
-
-def _widths(modes: Sequence[Mode], height: float, interval: float, derivatives: int, count: int) -> Reals | None:
-    """How long each of `count` pulses lasts, or None if no solution was found."""
-    unit, end = modes[0].half_period, count * interval
-
-    def rows(since: Reals) -> Reals:
-        """Each condition's integrand at instants since the end (any shape), real parts and imaginary parts, shape (equations, …)."""
-        table = [np.ones_like(since)]
-        for mode in modes:
-            for power in range(derivatives + 1):
-                z = (since / end) ** power * np.exp(mode.frequency * mode.direction * since)
-                table += [z.real, z.imag]
-        return np.array(table)
-
-    starts = np.arange(count) * interval - end
-
-    def equations(widths: Reals) -> Reals:
-        at = starts[:, None] + widths[:, None] * (NODES + 1.0) / 2.0
-        total = (rows(at) * (WEIGHTS / 2.0)).sum(axis=2) @ widths * height
-        total[0] -= 1.0
-        total[1:] *= unit / end
-        return total
-
-    def jacobian(widths: Reals) -> Reals:
-        table = rows(starts + widths) * height
-        table[1:] *= unit / end
-        return table
-
-    if count * interval * height < 1.0:
-        return None
-    even = np.full(count, 1.0 / (count * height))
-    found = least_squares(equations, even, jac=jacobian, bounds=(0.0, interval * (1.0 + 1e-12)), xtol=1e-15, ftol=1e-15, gtol=1e-15)  # type: ignore[arg-type]
-    widths = np.clip(found.x, 0.0, interval)
-    for _ in range(8):  # to rounding, with those that are at neither end
-        inner = (widths > SHORTEST * interval) & (widths < interval * (1.0 - SHORTEST))
-        missed = equations(widths)
-        if np.abs(missed).max() <= CLOSED:
-            return widths
-        step = np.linalg.lstsq(jacobian(widths)[:, inner], -missed, rcond=None)[0]
-        widths[inner] = np.clip(widths[inner] + step, 0.0, interval)
-    return None

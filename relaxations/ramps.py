@@ -44,11 +44,10 @@ def rate_of(maneuver: Maneuver) -> tuple[float, float] | None:
         return None
     if not rate[0] < 0 < rate[1]:
         raise ManeuverError(f"limits of the slope contain 0, with room on either side, not [{float(rate[0])!r}, {float(rate[1])!r}]")
-    others = maneuver.tail, maneuver.box is not None, maneuver.sample_time is not None, maneuver.initial is not None
-    if any(others) or maneuver.limits.deflection or maneuver.limits.pulsed:
-        raise ManeuverError(
-            "limits of the slope are a matter of rest to rest: no tail, box, sample time, initial state, deflection or pulses with them"
-        )
+    if maneuver.limits.pulsed:
+        raise ManeuverError("limits of the slope do not go with pulses: an input that is on or off jumps")
+    if maneuver.tail or maneuver.box is not None:
+        raise ManeuverError("limits of the slope belong to a state rest of one plant: no tail, no box with them")
     return float(rate[0]), float(rate[1])
 
 

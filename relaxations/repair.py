@@ -24,6 +24,7 @@ Reals = NDArray[np.float64]
 
 SNAP = 1e-7  # of the range: levels of the solver so close to a limit are meant to be on it
 ON_CHOICE = 1e-4  # of the range: how far the solver's levels may be off where the command is to be all on limits
+CLEAR, PARTS = 1e-5, 6  # of the range: levels so close together are one; into how many parts a cell is cut where they are not
 ON_LIMIT = 1e-9  # of the range: a level so close to a limit of 0 stays there exactly
 
 
@@ -38,6 +39,16 @@ class Repaired:
     free_levels: tuple[int, ...]
     free_tail: tuple[int, ...]
     radius: float
+
+
+def zoomed(solution: GridSolution) -> Reals:
+    """The grid with every cell cut into `PARTS` at which the command changes, or in which it is neither on a limit nor at rest."""
+    problem, levels, grid = solution.problem, solution.levels, solution.program.instants
+    slack = CLEAR * (problem.upper - problem.lower)
+    still = np.minimum.reduce([np.abs(levels - level) for level in (problem.lower, problem.upper, 0.0)]) <= slack
+    jumps = np.concatenate([[False], np.abs(np.diff(levels)) > slack, [False]])
+    cells = np.flatnonzero(~still | jumps[:-1] | jumps[1:])
+    return np.unique(np.concatenate([grid, *(np.linspace(grid[i], grid[i + 1], PARTS + 1) for i in cells)]))
 
 
 def pivots(matrix: Reals) -> NDArray[np.intp]:
@@ -79,7 +90,7 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     reach = upper - lower
     levels = np.clip(solution.levels, lower, upper)
     levels = np.where(levels > upper - snap * reach, upper, np.where(levels < lower + snap * reach, lower, levels)) / solution.fraction
-    if problem.rate is not None:
+    if problem.sloped:
         return _ramped(solution, levels)
     if problem.fuel is not None:  # where the fuel is not worth its price the input rests
         levels = np.where(np.abs(levels) < snap * reach, 0.0, levels)
@@ -91,6 +102,7 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     starts, levels = starts[keep], levels[keep]
     room = np.minimum(upper - levels, levels - lower)
     room[(levels == lower) | (levels == upper)] = 0.0
+    room = np.minimum(room, _spare(problem, levels))
     instants = np.append(starts, solution.maneuver_time)
     integrated = problem.rows(solution.maneuver_time - instants, 1)
     table = integrated[:, :-1] - integrated[:, 1:]
@@ -117,7 +129,7 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
         values[free] += np.linalg.lstsq(columns[:, free] / rows[:, None], residual / rows, rcond=None)[0]
     levels, tail = values[: len(levels)], values[len(levels) :]
     chosen = free[free < len(levels)]
-    left = np.minimum(upper - levels[chosen], levels[chosen] - lower)
+    left = np.minimum(np.minimum(upper - levels[chosen], levels[chosen] - lower), _spare(problem, levels)[chosen])
     if len(chosen) and not left.min() > 0.0:
         return None
     return Repaired(
@@ -129,6 +141,16 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
         tuple(int(i) - len(levels) for i in free if i >= len(levels)),
         float(min(left.min(initial=np.inf), play.min(initial=np.inf) if len(free) > len(chosen) else np.inf)) / 4,
     )
+
+
+def _spare(problem: Problem, levels: Reals) -> Reals:
+    """How far each level may move until a step from sample to sample is beyond its limit."""
+    step = problem.maneuver.sample_time
+    if problem.rate is None or step is None:
+        return np.full(len(levels), np.inf)
+    steps = np.diff(np.concatenate([[0.0], levels, [problem.hold]]))
+    spare = np.minimum(problem.rate[1] * float(step) - steps, steps - problem.rate[0] * float(step))
+    return np.maximum(np.minimum(spare[:-1], spare[1:]), 0.0)
 
 
 def _absolute(problem: Problem, levels: Reals) -> tuple[Fraction, ...]:
@@ -160,7 +182,7 @@ def _ramped(solution: GridSolution, levels: Reals) -> Repaired | None:
             free = np.sort(pivots(np.linalg.qr((table * weights).T)[0].T)[:size])
         if turn == 3:
             break
-        residual = problem.target - table @ values
+        residual = problem.aimed(solution.maneuver_time) - table @ values
         rows = np.abs(table * np.where(values == 0.0, 1.0, np.abs(values))).sum(axis=1)
         values = values.copy()
         values[free] += np.linalg.lstsq(table[:, free] / rows[:, None], residual / rows, rcond=None)[0]

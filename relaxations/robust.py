@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations import programs
+from relaxations import posing, programs
 from relaxations.bounds import Settings, exceeded, exponent_of, first_looks, grid_minimum, instants
 from relaxations.boxes import Box, Family, Listed, Place
 from relaxations.maneuvers import Problem, problem
@@ -58,7 +58,7 @@ def at_rest_at_once(posed: Problem) -> bool:
         return False
     box, none = posed.maneuver.box, (np.zeros(1), np.zeros(0))
     assert box is not None
-    return not _worst(posed, *none, 1.0)
+    return not worst_places(posed, *none, 1.0)
 
 
 def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, guess: float | None = None) -> Sampled:
@@ -84,7 +84,7 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
     tolerance = max(settings.tolerance, TOLERANCE)
     for _ in range(ROUNDS):
         count += 1
-        solution = programs.solve(programs.build(posed, instants(posed, horizon, settings), looks))
+        solution = programs.solve(posing.build(posed, instants(posed, horizon, settings), looks))
         if solution.fraction < 1.0:
             low, below = horizon, solution
         else:
@@ -93,7 +93,7 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
         if over := exceeded(posed, solution):
             looks, high = looks | over, math.inf  # with more conditions a time may be too short that was not before
         elif abs(math.log(max(solution.fraction, 1e-300))) <= 100 * tolerance:
-            worst = _worst(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 + EXCESS)
+            worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 + EXCESS)
             more = _with_samples(posed, [*_samples(posed), *worst])
             if len(_samples(more)) == len(_samples(posed)):
                 if close:
@@ -114,13 +114,13 @@ def within(found: Sampled, beyond: float, settings: Settings) -> tuple[Sampled, 
     assert found.solution is not None
     horizon, solution = found.solution.maneuver_time * (1.0 + beyond), found.solution
     for count in range(ROUNDS // 2):
-        solution = programs.solve(programs.build(posed, instants(posed, horizon, settings), looks, inside))
+        solution = programs.solve(posing.build(posed, instants(posed, horizon, settings), looks, inside))
         if not solution.reaches:
             return Sampled(posed, looks, solution, found.below, count + 1), False
         if over := exceeded(posed, solution, 1.0 - inside / 2):
             looks |= over
             continue
-        worst = _worst(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
+        worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
         more = _with_samples(posed, [*_samples(posed), *worst])
         if len(_samples(more)) == len(_samples(posed)):
             return Sampled(posed, looks, solution, found.below, count + 1), not worst
@@ -130,7 +130,7 @@ def within(found: Sampled, beyond: float, settings: Settings) -> tuple[Sampled, 
 
 def further(posed: Problem, solution: GridSolution, inside: float) -> Problem | None:
     """The problem with samples at the places where a solution whose limits are tightened by `inside` is not; None if there are none."""
-    worst = _worst(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
+    worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
     more = _with_samples(posed, [*_samples(posed), *worst])
     return None if len(_samples(more)) == len(_samples(posed)) else more
 
@@ -138,7 +138,7 @@ def further(posed: Problem, solution: GridSolution, inside: float) -> Problem | 
 def keeps(posed: Problem, fixed: Repaired) -> bool:
     """Whether a staircase keeps the tolerance in all of the box, as far as can be seen."""
     levels = np.array([float(level - posed.maneuver.rest) for level in fixed.levels])
-    return not _worst(posed, np.append(fixed.starts, fixed.maneuver_time), levels, 1.0 - SEEN)
+    return not worst_places(posed, np.append(fixed.starts, fixed.maneuver_time), levels, 1.0 - SEEN)
 
 
 def _following(solution: GridSolution, tolerance: float, low: float, high: float) -> float:
@@ -172,7 +172,7 @@ def _looks_of(posed: Problem, more: Problem) -> Looks:
     return Looks(np.concatenate([np.zeros(0), *(begin + sample.looks() for begin, sample in new)]), np.zeros(0))
 
 
-def _worst(posed: Problem, instants: Reals, levels: Reals, factor: float) -> list[Place]:
+def worst_places(posed: Problem, instants: Reals, levels: Reals, factor: float) -> list[Place]:
     """The local maxima of the residual over the box that exceed `factor` times the tolerance, the worst ones."""
     box, residuals = posed.maneuver.box, posed.residuals
     assert box is not None

@@ -2,20 +2,25 @@
 
 On the instants kh a positive sequence with `Σ A_k (kh)^j e^{κω kh} = 0` is a point of the convex hull of the columns: non-negative least
 squares says whether 0 is one, and its active set holds as many impulses as there are equations. Longer grids hold the shorter ones, so the
-least number of samples is found by bisection.
+least number of samples is found by bisection; that one less does not do is proven by a plane with all of its columns on one side.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from relaxations import programs
+from relaxations.checking.durations import none_on_samples
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
+from relaxations.plants import exact
 from relaxations.shaper_modes import Mode
+from relaxations.shaper_polishing import Demand, rows, vanishing
 from relaxations.shapers import Shaper
 
 Reals = NDArray[np.float64]
@@ -24,7 +29,15 @@ NOTHING = 1e-12  # of what all impulses would leave together: equations of order
 MOST_SAMPLES = 4096
 
 
-def sampled(zeros: Sequence[tuple[Mode, int]], sample_time: float) -> Shaper:
+@dataclass(frozen=True, slots=True)
+class Sampled:
+    """A shaper, and the number of sample times that it is proven to need at least."""
+
+    shaper: Shaper
+    needed: int
+
+
+def sampled(zeros: Sequence[tuple[Mode, int]], sample_time: float) -> Sampled:
     """The shortest positive shaper at multiples of `sample_time` [s] with zero vibration and so many derivatives at each mode.
 
     Raises `ShaperError` for no time, `ImpossibleShaperError` for a sample time above half a damped period of a mode,
@@ -56,7 +69,21 @@ def sampled(zeros: Sequence[tuple[Mode, int]], sample_time: float) -> Shaper:
             high, found = middle, better
     kept = np.flatnonzero(found)
     kept = kept - kept[0]
-    return Shaper(tuple(float(k * sample_time) for k in kept), tuple(float(a) for a in found[found > 0.0]))
+    shaper = Shaper(tuple(float(k * sample_time) for k in kept), tuple(float(a) for a in found[found > 0.0]))
+    return Sampled(shaper, high if _refuted(zeros, sample_time, low) else 0)
+
+
+def _refuted(zeros: Sequence[tuple[Mode, int]], sample_time: float, samples: int) -> bool:
+    """Whether it is proven that no positive amplitudes at instants 0 to `samples` leave nothing."""
+    duration = max(samples, 1) * sample_time
+    demands = [Demand(mode.frequency, mode.damping, 0.0, power, duration) for mode, count in zeros for power in range(count + 1)]
+    columns = rows(demands, sample_time * np.arange(samples + 1.0), samples * sample_time)
+    try:
+        solution = programs.closest(columns, np.zeros(len(demands)))
+    except SolverError:
+        return False
+    conditions = [vanishing(demand, complex(y)) for demand, y in zip(demands, solution.multipliers, strict=True)]
+    return none_on_samples(exact(repr(sample_time)), samples, conditions)
 
 
 def _weights(zeros: Sequence[tuple[Mode, int]], sample_time: float, samples: int) -> Reals | None:

@@ -40,7 +40,7 @@ def sampled_bracket(problem: Problem, settings: Settings | None = None, near: fl
     maneuver = problem.maneuver
     assert maneuver.sample_time is not None
     step = float(maneuver.sample_time)
-    free = bracket(replace(problem, maneuver=replace(maneuver, sample_time=None)), settings, near)
+    free = bracket(replace(problem, maneuver=replace(maneuver, sample_time=None), courses=(), rate=None), settings, near)
     if free.upper == 0.0:
         return free
     least = max(math.ceil(free.lower / step * (1.0 - 1e-12)), 1)  # a whole number of samples may be the minimum itself
@@ -126,7 +126,7 @@ def _refuted(problem: Problem, dual: programs.GridSolution | Costate, step: floa
     """The least number of samples that a dual leaves, in seconds."""
     posed = replace(dual.problem, maneuver=problem.maneuver)
     near = dual.maneuver_time + 2 * step
-    return lower_bound(*extended(posed, dual.costate, dual.tail_multipliers), near, dual.price(posed), dual.fuel)
+    return lower_bound(*extended(posed, dual.costate, dual.tail_multipliers), near, dual.price(posed), dual.prices)
 
 
 def _landed(problem: Problem, solution: programs.GridSolution) -> Command:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
 
@@ -13,17 +14,20 @@ import numpy as np
 
 from relaxations.bounded_shapers import bounded
 from relaxations.bounds import Status
-from relaxations.deflection import deflection_limited
+from relaxations.checking.worst import worst_residual
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
-from relaxations.humps import extra_insensitive, unity_magnitude
+from relaxations.humps import Humped, extra_insensitive, unity_magnitude
 from relaxations.impulses import derivative_shaper, mzv, negative_zv
 from relaxations.insensitive import Band, specified
+from relaxations.least_durations import Remnant, least_duration
 from relaxations.plants import exact
 from relaxations.pulses import at_intervals, pulsed
-from relaxations.sampled_shapers import sampled
+from relaxations.sampled_shapers import Sampled, sampled
+from relaxations.shaper_deflection import deflection_limited
 from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper, as_pulses, convolve
 
+WHOLE = 1e-9  # partial sums this close to a whole number are it
 CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 TOLERANCE, BAND = 0.05, (0.8, 1.2)  # unless a request says otherwise
 
@@ -68,11 +72,15 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Least:
-    """`duration` [s], *proven*: no sequence that is `among` these is shorter."""
+    """`duration` [s], *proven*: no sequence that is `among` these is shorter.
+
+    If these are told by `zeros` alone, modes of which nothing is left, and by sizes of amplitudes, it holds for impulses drawn out to
+    pulses of one width, too, with this width added.
+    """
 
     duration: float
     among: str
-    pulses: bool = False  # whether it holds for impulses drawn out to pulses of one width, too, with this width added
+    zeros: tuple[Mode, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +93,10 @@ class Made:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One family: how its name is written, what it is, which further options it takes, and how it is made from (request, number)."""
+    """One family: how its name is written, what it is, which further options it takes, and how it is made from (request, number).
+
+    `zeros` says where it leaves nothing, and how many derivatives vanish there; None where other demands make it.
+    """
 
     written: str
     pattern: str
@@ -93,6 +104,7 @@ class Kind:
     make: Callable[[Request, int], Made]
     takes: frozenset[str] = frozenset()
     needs: frozenset[str] = frozenset()
+    zeros: Callable[[Request, int], tuple[tuple[Mode, ...], int]] | None = None
 
 
 OPTIONS = ("negative", "sums", "sample_time", "simultaneous", "pulse", "height", "impulses", "deflection")
@@ -111,19 +123,21 @@ def make(name: str, request: Request) -> Made:
     if wrong:
         raise ShaperError("; ".join(wrong))
     made = kind.make(request, number)
-    return made if request.pulse is None or not made.shaper.times else _drawn_out(made, request.pulse, request.modes)
+    if made.least and made.least.duration > made.shaper.duration:  # the shaper's own zeros are doubles: it may end a hair too soon
+        made = replace(made, least=replace(made.least, duration=made.shaper.duration))
+    return made if request.pulse is None or not made.shaper.times else _drawn_out(made, request.pulse)
 
 
-def _drawn_out(made: Made, width: float, modes: Sequence[Mode]) -> Made:
+def _drawn_out(made: Made, width: float) -> Made:
     """Pulses in place of the impulses.
 
     What impulses leave of a mode is multiplied by `(e^{κωw} - 1)/(κωw)`. Where that is not 0, pulses of one width need the impulses' least
     duration and their width; near 0 (a width of whole periods of a mode without damping) nothing is claimed.
     """
-    turns = [mode.frequency * mode.direction * width for mode in modes]
-    factor = min(abs(np.expm1(turn) / turn) for turn in turns)
+    zeros = made.least.zeros if made.least else ()
+    turns = [mode.frequency * mode.direction * width for mode in zeros]
     least = None
-    if made.least and made.least.pulses and factor > CLEAR:
+    if made.least and zeros and min(abs(np.expm1(turn) / turn) for turn in turns) > CLEAR:
         least = Least(math.nextafter(made.least.duration + width, 0.0), f"{made.least.among}, as pulses of one width")
     return Made(as_pulses(made.shaper, width), least)
 
@@ -156,34 +170,71 @@ def _in_turn(modes: Sequence[Mode], one: Callable[[Mode], Shaper]) -> Shaper:
 def _derivatives(request: Request, number: int) -> Made:
     zeros = [(mode, number) for mode in request.modes]
     if request.sample_time is not None:
-        return _compared(sampled(zeros, request.sample_time), zeros)
+        return _on_samples(sampled(zeros, request.sample_time), request.sample_time, zeros)
     if request.simultaneous:
         return _compared(None, zeros)
     return _compared(_in_turn(request.modes, lambda mode: derivative_shaper(mode, number)), zeros)
 
 
+def _on_samples(found: Sampled, sample_time: float, zeros: Sequence[tuple[Mode, int]]) -> Made:
+    """What so many samples take at least, if that is more than any positive shaper takes."""
+    made, proven = _compared(found.shaper, zeros), _down(found.needed * exact(repr(sample_time)))
+    if made.least is not None and made.least.duration >= proven:
+        return made
+    what = f"positive shapers at multiples of {sample_time!r} s with {_order(zeros)}, which need {found.needed}"
+    return replace(made, least=_least(proven if found.needed else None, what, [mode for mode, _ in zeros]))
+
+
+def _down(number: Fraction) -> float:
+    """The double that is printed as a decimal no larger than the number."""
+    nearest = float(number)
+    return nearest if exact(repr(nearest)) <= number else math.nextafter(nearest, -math.inf)
+
+
+def _order(zeros: Sequence[tuple[Mode, int]]) -> str:
+    return "zero vibration" + (f" and {zeros[0][1]} derivative(s) of it" if zeros[0][1] else "")
+
+
 def _compared(shaper: Shaper | None, zeros: Sequence[tuple[Mode, int]]) -> Made:
     """The shaper, or the shortest one, with the proof for positive shapers of these zeros."""
-    order = "zero vibration" + (f" and {zeros[0][1]} derivative(s) of it" if zeros[0][1] else "")
     try:
         shortest = specified([], zeros)
     except SolverError:
         if shaper is None:
             raise
         return Made(shaper)  # a shaper all the same; that none is shorter is not proven
-    return Made(shaper or shortest.shaper, _least(shortest.lower, f"positive shapers with {order}", True))
+    return Made(shaper or shortest.shaper, _least(shortest.lower, f"positive shapers with {_order(zeros)}", [mode for mode, _ in zeros]))
 
 
-def _least(lower: float | None, among: str, pulses: bool = False) -> Least | None:
-    return None if lower is None else Least(lower, among, pulses)
+def _least(lower: float | None, among: str, zeros: Sequence[Mode] = ()) -> Least | None:
+    return None if lower is None else Least(lower, among, tuple(zeros))
 
 
 def _humps(request: Request, number: int) -> Made:
-    return Made(_in_turn(request.modes, lambda mode: extra_insensitive(mode, request.tolerance, number)))
+    humped = [extra_insensitive(mode, request.tolerance, number) for mode in request.modes]
+    zeros = [zero for one in humped for zero in one.zeros]
+    shaper = reduce(convolve, (one.shaper for one in humped))
+    try:
+        lower = specified([], [(zero, 0) for zero in zeros]).lower
+    except SolverError:
+        lower = None
+    return Made(shaper, _least(lower, f"positive shapers that share {_own(humped, request.modes)}", zeros))
 
 
 def _unity_humps(request: Request, number: int) -> Made:
-    return Made(_in_turn(request.modes, lambda mode: unity_magnitude(mode, request.tolerance, number)))
+    humped = [unity_magnitude(mode, request.tolerance, number) for mode in request.modes]
+    shaper = reduce(convolve, (one.shaper for one in humped))
+    zeros = [zero for one in humped for zero in one.zeros]
+    return Made(shaper, _within_sums(zeros, _sums_of(shaper), 0, _own(humped, request.modes)))
+
+
+def _own(humped: Sequence[Humped], modes: Sequence[Mode]) -> str:
+    """The zeros of humped shapers, as factors of their modes' frequencies."""
+    factors = [[f"{zero.frequency / mode.frequency:.6g}" for zero in one.zeros] for one, mode in zip(humped, modes, strict=True)]
+    parts = [f"{', '.join(those[:-1])} and {those[-1]}" for those in factors]
+    if len(parts) == 1:
+        return f"its zeros, at {parts[0]} of the frequency"
+    return "its zeros, at " + "; ".join(f"{part} of mode {number}'s frequency" for number, part in enumerate(parts, 1))
 
 
 def _modified(request: Request, number: int) -> Made:
@@ -192,7 +243,18 @@ def _modified(request: Request, number: int) -> Made:
 
 def _negative(request: Request, number: int) -> Made:
     negative = request.negative if request.negative is not None else math.nan
-    return Made(_in_turn(request.modes, lambda mode: negative_zv(mode, negative)))
+    shaper = _in_turn(request.modes, lambda mode: negative_zv(mode, negative))
+    return Made(shaper, _with_negative(shaper, [Remnant(mode) for mode in request.modes], "zero vibration"))
+
+
+def _with_negative(shaper: Shaper, remnants: Sequence[Remnant], what: str) -> Least | None:
+    """How short anything could be whose negative parts sum to no more than this shaper's do."""
+    below = [-amplitude for amplitude in shaper.amplitudes if amplitude < 0.0] + [-p.gain for p in shaper.pulses if p.height < 0.0]
+    negative = math.fsum(below)
+    among = f"shapers with {what} whose negative amplitudes sum to at most {negative!r}" if below else f"positive shapers with {what}"
+    zeros = [remnant.mode for remnant in remnants if not remnant.tolerance]
+    lower = least_duration(remnants, negative, shaper.duration)
+    return _least(lower, among, zeros if len(zeros) == len(remnants) else ())
 
 
 def _insensitive(request: Request, number: int) -> Made:
@@ -207,7 +269,28 @@ def _insensitive(request: Request, number: int) -> Made:
 def _unity(request: Request, number: int) -> Made:
     if request.simultaneous or len(request.modes) == 1:
         return _between(request.modes, (0.0, 1.0), number)
-    return Made(_in_turn(request.modes, lambda mode: bounded([mode], 0, 1, number).shaper))
+    shaper = _in_turn(request.modes, lambda mode: bounded([mode], 0, 1, number).shaper)
+    return Made(shaper, _within_sums(request.modes, _sums_of(shaper), number, "these zeros"))
+
+
+def _sums_of(shaper: Shaper) -> tuple[float, float]:
+    """The least and the largest of its partial sums, 0 included; whole numbers where they are but for rounding."""
+    sums = [0.0, *itertools.accumulate(shaper.amplitudes)]
+    low, high = (float(round(x)) if abs(x - round(x)) <= WHOLE else x for x in (min(sums), max(sums)))
+    return low, max(high, 1.0)
+
+
+def _within_sums(zeros: Sequence[Mode], sums: tuple[float, float], derivatives: int, what: str) -> Least | None:
+    """How short any sequence with partial sums in these bounds could be."""
+    try:
+        bound = bounded(zeros, *_bounds(sums), derivatives).bound
+    except (ShaperError, SolverError):
+        return None
+    return _least(bound.lower if bound.status is Status.PROVED else None, _summed(sums, what), zeros)
+
+
+def _summed(sums: tuple[float, float], what: str) -> str:
+    return f"sequences with partial sums in [{sums[0]:g}, {sums[1]:g}] and {what}"
 
 
 def _sums(request: Request, number: int) -> Made:
@@ -218,7 +301,7 @@ def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> M
     low, high = _bounds(sums)
     found = bounded(modes, low, high, number)
     proven = found.bound.lower if found.bound.status is Status.PROVED else None
-    return Made(found.shaper, _least(proven, f"sequences with partial sums in [{sums[0]:g}, {sums[1]:g}] and these zeros", True))
+    return Made(found.shaper, _least(proven, _summed(sums, "these zeros"), modes))
 
 
 def _on_off(request: Request, number: int) -> Made:
@@ -228,6 +311,10 @@ def _on_off(request: Request, number: int) -> Made:
     else:
         found = at_intervals(request.modes, height, request.sample_time, number)
     proven = found.bound.lower if found.bound.status is Status.PROVED else None
+    if request.sample_time is not None and found.intervals:
+        what = f"pulses of {height:g} 1/s that begin at multiples of {request.sample_time!r} s, of which {found.intervals} are needed"
+        begins = _down((found.intervals - 1) * exact(repr(request.sample_time)))  # the last pulse's
+        return Made(found.shaper, _least(max(begins, proven or 0.0), f"{what}, with these zeros"))
     return Made(found.shaper, _least(proven, f"pulses of at most {height:g} 1/s with these zeros"))
 
 
@@ -238,16 +325,25 @@ def _deflected(request: Request, number: int) -> Made:
     shaper = deflection_limited(request.modes, limit, sums, number, request.sample_time)
     bound = bounded(request.modes, low, high, number).bound
     proven = bound.lower if bound.status is Status.PROVED else None
-    return Made(
-        shaper, _least(proven, f"sequences with partial sums in [{sums[0]:g}, {sums[1]:g}] and these zeros, whatever they deflect", True)
-    )
+    return Made(shaper, _least(proven, f"{_summed(sums, 'these zeros')}, whatever they deflect", request.modes))
+
+
+def _unshaped(request: Request, number: int) -> Made:
+    return Made(Shaper((0.0,), (1.0,)), Least(0.0, "all shapers"))
 
 
 def _given(request: Request, number: int) -> Made:
     assert request.impulses is not None
     if request.impulses.terms:
         raise ShaperError("what is computed here of a shaper is about impulses or pulses; this one has decaying terms")
-    return Made(request.impulses)
+    shaper = request.impulses
+    times, amplitudes, order = shaper.excitation
+    edges = [Fraction(t) for t in times], [Fraction(a) for a in amplitudes]
+    remnants = []
+    for mode in request.modes:
+        omega, zeta = Fraction(mode.frequency), Fraction(mode.damping)
+        remnants.append(Remnant(mode, worst_residual(*edges, (omega, omega), (zeta, zeta), order=order).upper))
+    return Made(shaper, _with_negative(shaper, remnants, "no more left of any mode than this one leaves"))
 
 
 def _bounds(sums: tuple[float, float]) -> tuple[Fraction, Fraction]:
@@ -260,24 +356,43 @@ def _bounds(sums: tuple[float, float]) -> tuple[Fraction, Fraction]:
     return low, high
 
 
+def _all(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
+    return request.modes, number
+
+
+def _once(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
+    return request.modes, 0
+
+
+def _between_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
+    return tuple(zero for mode in request.modes for zero in extra_insensitive(mode, request.tolerance, number).zeros), 0
+
+
+def _between_unity_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
+    return tuple(zero for mode in request.modes for zero in unity_magnitude(mode, request.tolerance, number).zeros), 0
+
+
 _EITHER = frozenset({"simultaneous", "pulse"})
 _PULSE = frozenset({"pulse"})
 KINDS = (
     # It takes every option, so that a request can be compared with what is left without a shaper by changing one word.
-    Kind("none", "none", "unshaped: one impulse at once", lambda request, number: Made(Shaper((0.0,), (1.0,))), frozenset(OPTIONS)),
+    Kind("none", "none", "unshaped: one impulse at once", _unshaped, frozenset(OPTIONS)),
     Kind("zv, zvd, zvdd, zv-d:N", r"zv(?:(?P<d>d*)|-d:(\d+))", "zero vibration, and N derivatives of it", _derivatives,
-         _EITHER | {"sample_time"}),
-    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps, _PULSE),
-    Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE),
+         _EITHER | {"sample_time"}, zeros=_all),
+    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps, _PULSE,
+         zeros=_between_humps),
+    Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE, zeros=_once),
     Kind("si", "si", "the shortest within the tolerance over the band", _insensitive, _EITHER),
-    Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity, _EITHER),
-    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _PULSE),
-    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _PULSE | {"negative"}, frozenset({"negative"})),
+    Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity, _EITHER, zeros=_all),
+    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _PULSE,
+         zeros=_between_unity_humps),
+    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _PULSE | {"negative"}, frozenset({"negative"}),
+         _once),
     Kind("sums-zv, sums-zvd, sums-zv-d:N", r"sums-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest with partial sums within bounds", _sums,
-         _EITHER | {"sums"}, frozenset({"sums"})),
+         _EITHER | {"sums"}, frozenset({"sums"}), _all),
     Kind("pulses-zv, pulses-zvd, pulses-zv-d:N", r"pulses-zv(?:(?P<d>d*)|-d:(\d+))", "pulses of one height and variable duration", _on_off,
-         frozenset({"height", "sample_time", "simultaneous"}), frozenset({"height"})),
+         frozenset({"height", "sample_time", "simultaneous"}), frozenset({"height"}), _all),
     Kind("dl-zv, dl-zvd, dl-zv-d:N", r"dl-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest that deflects no mode beyond a limit", _deflected,
-         _EITHER | {"deflection", "sums", "sample_time"}, frozenset({"deflection"})),
+         _EITHER | {"deflection", "sums", "sample_time"}, frozenset({"deflection"}), _all),
     Kind("custom", "custom", "impulses that are given", _given, _PULSE | {"impulses"}, frozenset({"impulses"})),
 )  # fmt: skip

@@ -13,9 +13,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
+
+from relaxations.checking.durations import Condition
 
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -60,6 +63,14 @@ def rows(demands: Sequence[Demand], instants: Reals, duration: float) -> Complex
     omega, kappa, power, units = _columns(demands)
     since = instants - duration
     return ((since / units) ** power * np.exp(kappa * omega * since)).astype(np.complex128)
+
+
+def vanishing(demand: Demand, weight: complex) -> Condition:
+    """What the proof takes of a demand whose vibration vanishes: derivatives by frequency, not in its unit of time."""
+    weight /= (demand.frequency * demand.unit) ** demand.power
+    return Condition(
+        Fraction(demand.frequency), Fraction(demand.damping), Fraction(0), demand.power, (Fraction(weight.real), Fraction(weight.imag))
+    )
 
 
 def _columns(demands: Sequence[Demand]) -> tuple[Reals, Complexes, NDArray[np.int64], Reals]:

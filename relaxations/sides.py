@@ -38,12 +38,16 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """What has been proven so far; the upper side with its command and number of switches (None: a staircase)."""
+    """What has been proven so far; the upper side with its command and number of switches (None: a staircase).
+
+    `content` is the certificate of both sides, where they were proven together.
+    """
 
     lower: Side | None = None
     upper: Side | None = None
     command: Command | None = None
     switches: int | None = None
+    content: bytes | None = None
 
     @property
     def gap(self) -> float:
@@ -56,6 +60,8 @@ class Proof:
 
     def better(self, other: Proof) -> Proof:
         """The better side of each."""
+        if self.lower is None and self.upper is None:
+            return other
         lower = max((side for side in (self.lower, other.lower) if side), key=lambda side: side.claim, default=None)
         first = other.upper is None or (self.upper is not None and self.upper.claim <= other.upper.claim)
         above = self if first else other
@@ -65,7 +71,7 @@ class Proof:
 def concluded(task: dict[str, Any], proof: Proof, found: Bound, seconds: float) -> Bound:
     """The bracket with what was proven of it."""
     lower, upper = proof.lower, proof.upper
-    content = certificates.certificate(*_claimed(task, lower, upper)) if lower or upper else None
+    content = proof.content or (certificate(task, lower, upper) if lower or upper else None)
     missing = [name for name, side in (("lower", lower), ("upper", upper)) if side is None]
     reason = None if not missing else f"not proven: the {' and the '.join(missing)} side" + (f"; {found.reason}" if found.reason else "")
     return replace(
@@ -88,23 +94,24 @@ def rounded(exact: Fraction, towards: float) -> float:
     return float(np.nextafter(nearest, towards)) if unsafe else nearest
 
 
-def _claimed(task: dict[str, Any], lower: Side | None, upper: Side | None) -> tuple[dict[str, Any], dict[str, Any], Any, Any]:
+def certificate(task: dict[str, Any], lower: Side | None, upper: Side | None) -> bytes:
+    """The certificate of these sides."""
     claim = {"lower": lower and certificates.text(lower.claim), "upper": upper and certificates.text(upper.claim), "impossible": None}
-    return task, claim, lower and lower.witness, upper and upper.witness
+    return certificates.certificate(task, claim, lower and lower.witness, upper and upper.witness)
 
 
-def accepted(task: dict[str, Any], lower: Side | None = None, upper: Side | None = None) -> bool:
-    """Whether the checker proves a certificate of these sides."""
-    return check(certificates.certificate(*_claimed(task, lower, upper))).outcome is Outcome.PROVED
+def accepted(task: dict[str, Any], lower: Side | None = None, upper: Side | None = None) -> bytes | None:
+    """The certificate of these sides, if the checker proves it."""
+    content = certificate(task, lower, upper)
+    return content if check(content).outcome is Outcome.PROVED else None
 
 
 def lower_side(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
-    value = lower_bound(
-        *extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.fuel, dual.pressed, dual.ramps
-    )
-    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.fuel, dual.pressed, dual.ramps)
-    step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS]
+    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.prices)
+    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.prices)
+    followed = dual.prices.pressed or dual.prices.ramps  # p was integrated on a grid then
+    step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS[-4 if followed else 0 :]]
     if step is not None:
         claims = [problem.on_grid(value) - k * step for k in (0, 1)]
     for claim in claims if value > 0.0 else ():
@@ -143,7 +150,7 @@ def instant_proof(problem: Problem, task: dict[str, Any], found: Bound) -> Proof
 
 def staircase_of(problem: Problem, fixed: Repaired) -> Command:
     """The command of a repaired solution, in doubles."""
-    if problem.rate is not None:
+    if problem.sloped:
         levels = np.array([float(level - problem.maneuver.rest) for level in fixed.levels])
         return ramped(problem, np.append(fixed.starts, fixed.maneuver_time), levels)
     segments = tuple(Segment(float(s), float(v)) for s, v in zip(fixed.starts, fixed.levels, strict=True))

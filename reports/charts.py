@@ -191,18 +191,25 @@ def sensitivity(
     factor_label: str = "frequency / modelled frequency",
     quantity_label: str = "residual vibration [% of move]",
     limits: Sequence[Limit] = (),
+    band: tuple[float, float] | None = None,
 ) -> str:
-    """Sensitivity curves: residual vibration against the true frequency of a mode, one named curve a command; `factors` (n,)."""
+    """Sensitivity curves: residual vibration against the true frequency of a mode, one named curve a command; `factors` (n,).
+
+    The limits hold within `band`, everywhere if there is none.
+    """
     (x,) = _arrays(factors=factors)
     with mpl.rc_context(_rc(name)):
         figure = Figure(figsize=(_WIDTH, 3.4), layout="constrained")
         axes = figure.subplots()
-        styles = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)))
+        styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)), (0, (9, 3))), (_LINE, _SECOND, _INK, _INK, _INK)
         for number, (label, curve) in enumerate(curves.items()):
-            y = _arrays(factors=factors, curve=curve)[1]
-            axes.plot(x, y, color=(_LINE, _SECOND, _INK)[number % 3], linestyle=styles[number % 4], label=label)
+            y, width = _arrays(factors=factors, curve=curve)[1], 1.0 if number > 2 else 1.6
+            axes.plot(x, y, color=colours[number % 5], linestyle=styles[number % 5], linewidth=width, label=label)
+        if band is not None:
+            axes.axvspan(*band, color=_FAINT, alpha=0.5, linewidth=0, zorder=0)
         for limit in limits:
-            axes.axhline(limit.value, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
+            low, high = band or axes.get_xlim()
+            axes.hlines(limit.value, low, high, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
         axes.set_xlabel(factor_label)
         axes.set_ylabel(quantity_label)
         axes.set_ylim(bottom=0.0)

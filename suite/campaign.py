@@ -23,6 +23,8 @@ from fmus.workers import Worker
 from relaxations.commands import Command, Tail
 from relaxations.plants import LinearPlant
 from relaxations.response import response
+from relaxations.transitions import VaryingPlant
+from relaxations.varying_response import varying_response
 from reports import logs
 from reports.files import sha256
 from reports.records import RunLog
@@ -30,10 +32,11 @@ from suite.design import grid_step
 from suite.ledger import Ledger
 from suite.observations import Setting, Subject, observe, record, thinned, with_verdict
 from suite.plants import nominal_value, plant_at
-from suite.quantities import Facts, Observation, evaluate, window
+from suite.quantities import UNDAMPED, Facts, Observation, evaluate, window
 from suite.quantity_names import Quantity, parse_quantity
 from suite.starts import required_start, run_states
 from suite.study import FmuPlant, Requirement, Study
+from suite.varying import study_plant
 from suite.verdicts import Measured, RunVerdict, Verdict, judge_run, overall
 
 ALWAYS = tuple(map(parse_quantity, ("residual_vibration", "final_error", "overshoot", "peak_input", "model_mismatch")))
@@ -45,12 +48,20 @@ RUNS = "runs"
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A run to be made: name, parameter values of the box (exact), and the linear plant at these values."""
+    """A run to be made: name, parameter values of the box (exact), and the linear plant at these values (of one that varies the final
+    one, and all of it)."""
 
     name: str
     nominal: bool
     parameters: Mapping[str, Fraction]
     plant: LinearPlant
+    varying: VaryingPlant | None = None
+
+    @property
+    def unstable(self) -> bool:
+        """Whether an open-loop command means nothing on it; one that varies may grow by what counts as undamped."""
+        grows = any(pole.damping_ratio < -UNDAMPED for pole in self.plant.poles)
+        return self.plant.is_unstable and (self.varying is None or grows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +124,11 @@ def samples(study: Study) -> tuple[Sample, ...]:
     """The nominal plant first, then the full product of the parameters' grids; a sample equal to the nominal plant is not made twice."""
     names = [axis.parameter for axis in study.uncertainties]
     usual = {name: nominal_value(study, name) for name in names}
-    made = [Sample("0000-nominal", True, usual, plant_at(study, usual))]
+    made = [Sample("0000-nominal", True, usual, plant_at(study, usual), study_plant(study, usual))]
     for values in itertools.product(*(axis.values for axis in study.uncertainties)) if names else ():
         chosen = dict(zip(names, values, strict=True))
         if chosen != usual:
-            made.append(Sample(f"{len(made):04d}", False, chosen, plant_at(study, chosen)))
+            made.append(Sample(f"{len(made):04d}", False, chosen, plant_at(study, chosen), study_plant(study, chosen)))
     return tuple(made)
 
 
@@ -316,7 +327,11 @@ def _simulate(
         rest = setting.facts.rests[subject.output.variable]
     setting = replace(setting, facts=replace(setting.facts, rest_output=rest), step=experiment.step)
     # A run's output at a jump of the input is that before it (`fmus.stepping.Trajectory`): with feed-through that is another number.
-    linear = rest + response(sample.plant, subject.command, trajectory.times, rest=setting.facts.rest_input, before=True, begin=begin)
+    entry = setting.facts.rest_input
+    if sample.varying is None:
+        linear = rest + response(sample.plant, subject.command, trajectory.times, rest=entry, before=True, begin=begin)
+    else:
+        linear = rest + varying_response(sample.varying, subject.command, trajectory.times, entry, before=True)
     return record(subject, setting, outcome, linear), outcome
 
 

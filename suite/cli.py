@@ -347,25 +347,39 @@ def linearize(
 @click.option("--impulses", metavar="INSTANT:AMPLITUDE,…|FILE.json", help="The impulses of a custom shaper.")
 @click.option("--deflection", type=float, help="How far a mode may stray from the shaped step, of an unshaped one's (dl-zv).")
 @click.option("--simultaneous", is_flag=True, help="One solution for all modes, not one shaper after the other.")
+@click.option("--move", type=float, help="Design a move by this much together with the shaper; the rest is in the same unit.")
+@click.option("--input", metavar="LOW:HIGH", help="Limits of the move's input: its acceleration, or speed with --order 1.")
+@click.option("--order", type=click.IntRange(1, 2), default=2, show_default=True, help="Of the body: 2, accelerated; 1, driven by speed.")
+@click.option("--command", "command", type=click.Path(path_type=Path), help="Write that move's command to this file.")
+@click.option("--certificate", type=click.Path(path_type=Path), help="Write the proof of its time to this file.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw sensitivity and step response to this file (SVG).")
 @click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),
               help="Write it for others: .cfg (Klipper), .g (RepRapFirmware), .h (C).")  # fmt: skip
 @click.option("--save", type=click.Path(path_type=Path), help="Write a shaper file, for `slewcert fmus export`.")
 @AS_JSON
 @guarded
-def shaper(as_json: bool, plot: Path | None, exports: tuple[Path, ...], save: Path | None, **words: Any) -> None:
+def shaper(
+    as_json: bool,
+    plot: Path | None,
+    exports: tuple[Path, ...],
+    save: Path | None,
+    command: Path | None,
+    certificate: Path | None,
+    **words: Any,
+) -> None:
     """Make a shaper of KIND for one or several modes, and prove its worst residual vibration over a box of frequency and damping.
 
     Exit code 0: done; 1: there is no such shaper; 2: bad input.
     """
     from suite import console_shapers, shaper_files, shaping
 
-    shaper_files.known(exports)
+    shaper_files.known(exports, (command, certificate), words["move"])
     done = shaping.design(shaping.Asked(**words))
     for path in exports:
         shaper_files.export(done, path)
     if save:
         shaper_files.save(done, save)
+    shaper_files.save_move(done, command, certificate)
     if plot:
         shaper_files.draw(done, plot)
     if as_json:

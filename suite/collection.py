@@ -8,7 +8,8 @@ from pathlib import Path
 
 from relaxations.bounds import Status
 from reports.files import write_atomically
-from suite.design import Design, bound_record, design
+from suite.bound_records import bound_record
+from suite.design import Design, design
 from suite.errors import SuiteError
 from suite.loading import load_study
 from suite.study import Study

@@ -27,7 +27,7 @@ from suite.verification import Progress, Verification
 if TYPE_CHECKING:
     from fmus.catalogue import Entry
     from fmus.inspection import Inspection
-    from relaxations.commands import Tail
+    from relaxations.commands import Command, Tail
     from relaxations.modes import Mode
     from relaxations.plants import Pole
     from suite.collection import Bracketed
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
 MOST_VARIABLES = 100  # rows of a table on a terminal; FMUs have up to 100,000
 MOST_STATES = 12  # whose values are shown
+MOST_LEVELS = 24  # of a staircase that is shown
 WIDTH = 140  # of tables that are written to a file or a pipe, where no terminal says how wide it is
 
 
@@ -134,7 +135,7 @@ def show_bound(done: Bracketed) -> None:
     console.print(escape(study.title or study.file.name), style="bold")
     _show_bracket(console, done.to_dict())
     command = made.bound.command
-    if command is not None and made.bound.switches is not None:
+    if command is not None and (made.bound.switches is not None or _short(command)):
         table = Table("from, s", f"input, {escape(study.plant.input_unit or '–')}")
         for segment in command.segments:
             table.add_row(f"{segment.start:.10f}", f"{segment.level:.10g}")
@@ -144,6 +145,11 @@ def show_bound(done: Bracketed) -> None:
         console.print(f"note: {escape(note)}", soft_wrap=True)
     if done.certificate is not None:
         console.print(f"certificate: {escape(str(done.certificate))}", soft_wrap=True)
+
+
+def _short(command: Command) -> bool:
+    """Whether people want to see a staircase: a few constant levels."""
+    return len(command.segments) <= MOST_LEVELS and not any(segment.slope for segment in command.segments)
 
 
 def _tail(tail: Tail) -> str:

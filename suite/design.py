@@ -10,15 +10,17 @@ from fmus.errors import FmuError
 from fmus.stepping import require_multiples
 from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
-from relaxations.errors import ManeuverError
+from relaxations.errors import ManeuverError, PlantError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
+from relaxations.varying import varying_problem
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.plants import box, nominal_plant
 from suite.shaped import Shaped, shaped
 from suite.starts import required_start
 from suite.study import Study
+from suite.varying import study_plant
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,10 +99,13 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
         sample_time=None if study.limits.sample_time is None else Fraction(study.limits.sample_time),
         initial=required_start(study, plant),
     )
+    varying = study_plant(study)
     try:
-        return problem([plant], maneuver)
+        return problem([plant], maneuver) if varying is None else varying_problem(varying, maneuver)
     except ManeuverError as refused:
         raise StudyError(str(study.file), [Mistake("maneuver", ABSENT, str(refused))]) from None
+    except PlantError as refused:
+        raise StudyError(str(study.file), [Mistake("plant.schedule", ABSENT, str(refused))]) from None
 
 
 def design(study: Study) -> Design:
@@ -147,6 +152,9 @@ def on_grid(study: Study, made: Design) -> Design:
         if samples.denominator != 1:
             why = f"is no multiple of the FMU's communication step, {step!r} s, and it takes steps of that size only"
             raise StudyError(str(study.file), [Mistake("limits.sample_time", asked, why)])
+    if study.plant.schedule is not None:
+        why = f"the FMU takes communication steps of {step!r} s only: commands on a grid are not designed for a plant that varies"
+        raise StudyError(str(study.file), [Mistake("plant.schedule", ABSENT, why)])
     given = study.command.kind in ("file", "shaper")
     try:
         if study.command.start:
@@ -167,18 +175,3 @@ def on_grid(study: Study, made: Design) -> Design:
         why = f"the FMU takes communication steps of {step!r} s only: {sampled.reason or sampled.status.value}"
         raise StudyError(str(study.file), [Mistake("command", ABSENT, why)])
     return replace(made, command=sampled.command.shifted(float(study.command.start)), sampled=sampled, step=step)
-
-
-def bound_record(bound: Bound, command: Command | None, rest: float, certificate: str | None = None) -> dict[str, object]:
-    """The object that `slewcert bound --json` prints (docs/schemas.md); `rest` is the input at the initial rest."""
-    impossible = bound.status is Status.IMPOSSIBLE
-    found = {
-        "status": bound.status.name.lower(),
-        "maneuver_time": None if impossible else {"lower": bound.lower, "upper": bound.upper},
-        "command": None if command is None else command.to_dict(),
-        "switches": bound.switches,
-        "fuel": None if command is None else command.fuel(rest),
-        "certificate": certificate,
-        "seconds": round(bound.seconds, 6),
-    }
-    return found if bound.reason is None else {**found, "reason": bound.reason}

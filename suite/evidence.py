@@ -16,9 +16,10 @@ from relaxations.bounds import Bound
 from relaxations.response import jumps
 from relaxations.sensitivity import residual
 from reports import charts, files, junit, layouts, logs, manifest, pages
+from suite.bound_records import bound_record
 from suite.campaign import RunResult
 from suite.checks import CERTIFICATE, ON_GRID, trusted
-from suite.design import Design, bound_record
+from suite.design import Design
 from suite.observations import INPUT, observe
 from suite.quantities import Observation
 from suite.quantity_names import UnitKind
@@ -269,6 +270,7 @@ def draw(results: Mapping[str, Any], design: Design, requirements: Sequence[Requ
     if design.shaped is not None:
         drawings[f"Shaper {design.shaped.shaping.kind}"] = chart(design.shaped.shaping)
     rested = results["task"]["initial_state"] is None  # else the plant's own motion counts as much as the command
+    rested = rested and design.problem.transition is None
     if rested and design.plant.flexible and design.command is not None and not any(segment.slope for segment in design.command.segments):
         drawings["Sensitivity of the command"] = _sensitivity_chart(design, results)
     return drawings

@@ -18,6 +18,7 @@ from relaxations.moved import moved
 from relaxations.plants import LinearPlant
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.study import FmuPlant, ModalPlant, Plant, RootsPlant, StateSpacePlant, Study, TransferPlant
+from suite.varying import varying_plant
 
 Value = Fraction | Decimal | float
 
@@ -39,13 +40,18 @@ def plant_at(study: Study, parameters: Mapping[str, Value]) -> LinearPlant:
 
 
 def linear_plant(plant: Plant, parameters: Mapping[str, Value] | None = None) -> LinearPlant:
-    """The linear plant in exact numbers: as written, or an FMU's twin with `parameters` over the study's own.
+    """The linear plant in exact numbers: as written, or an FMU's twin with `parameters` over the study's own; of one that varies the final
+    one.
 
     An FMU without a twin, or as the study asks, is linearised where it starts or has settled, in a child process.
     Raises `PlantError` if it is improper, has a zero at the origin, is not moved by the input … (the message says which).
     """
     changed = dict(parameters or {})
     source = plant.source
+    if plant.schedule is not None:
+        varying = varying_plant(plant, changed)
+        assert varying is not None
+        return varying.final
     if changed and not isinstance(source, FmuPlant):
         raise PlantError(f"a plant given as numbers has no parameter {', '.join(changed)}")
     match source:

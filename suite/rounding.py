@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from decimal import Decimal
+from collections.abc import Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+
+
+def interval(sides: Sequence[float]) -> str:
+    """Both ends, rounded outward."""
+    return f"[{outward(sides[0], ROUND_FLOOR)}, {outward(sides[1], ROUND_CEILING)}]"
 
 
 def outward(value: float | None, rounding: str) -> str:

@@ -67,6 +67,15 @@ class Identification(Section):
     order: Natural | None = None
 
 
+class Schedule(Section):
+    """How the plant varies while it moves: instants, and for a plant given as numbers its matrices there."""
+
+    times: Numbers  # [s] after the start of the move, ascending from more than 0
+    A: Annotated[tuple[Annotated[tuple[Numbers, ...], BeforeValidator(values.items)], ...], BeforeValidator(values.items)] | None = None
+    B: Annotated[tuple[Numbers, ...], BeforeValidator(values.items)] | None = None
+    C: Annotated[tuple[Numbers, ...], BeforeValidator(values.items)] | None = None
+
+
 class Plant(Section):
     """An FMU, or the linear plant itself in one of four forms."""
 
@@ -89,6 +98,7 @@ class Plant(Section):
     initial: Initial | None = None
     linearization: Literal["auto", "twin", "derivatives", "differences", "identified"] | None = None
     identification: Identification | None = None
+    schedule: Schedule | None = None
 
 
 class Maneuver(Section):
@@ -340,6 +350,7 @@ NESTED: dict[str, type[Section]] = {
     "zero_sensitivity": ZeroSensitivity,
     "distribution": Distribution,
     "follow": Follow,
+    "schedule": Schedule,
 }
 
 

@@ -56,13 +56,27 @@ def save(done: Shaping, path: Path) -> None:
     write_atomically(path, json_bytes(done.shaper.to_dict()))
 
 
+def save_move(done: Shaping, command: Path | None, certificate: Path | None) -> None:
+    """The move's command and the proof of its time; raises `SuiteError` where there is none."""
+    if done.move is None:
+        return
+    found = done.move.command and json_bytes(done.move.command.to_dict())
+    for path, content in ((command, found), (certificate, done.move.together.certificate)):
+        if path is not None and content is None:
+            raise SuiteError(f"{path}: there is nothing to write, the move is {done.move.together.status.name.lower()}")
+        if path is not None and content is not None:
+            write_atomically(path, content)
+
+
 def draw(done: Shaping, path: Path) -> None:
     """`picture` to a file."""
     write_atomically(path, picture(done).encode())
 
 
-def known(paths: Sequence[Path]) -> None:
-    """Raises `SuiteError` for files whose ending says nothing of whom they are for."""
+def known(paths: Sequence[Path], of_a_move: Sequence[Path | None], move: float | None) -> None:
+    """Raises `SuiteError` for files whose ending says nothing of whom they are for, and for those of a move where there is none."""
+    if move is None and any(of_a_move):
+        raise SuiteError(f"{next(filter(None, of_a_move))}: it is a --move that has a command and a proof, and none is asked for")
     if unknown := [str(path) for path in paths if path.suffix not in EXPORTS]:
         raise SuiteError(
             f"{', '.join(unknown)}: the ending says for whom a shaper is written: .cfg for Klipper, .g for RepRapFirmware, .h for C"

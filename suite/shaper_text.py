@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from decimal import ROUND_CEILING, ROUND_FLOOR
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from relaxations.deflection import deflection
-from suite.rounding import outward
+from suite.rounding import interval
 
 if TYPE_CHECKING:
+    from relaxations.bounds import Bound
+    from suite.shaper_moves import Moved
     from suite.shaping import Shaping
 
 
@@ -28,9 +28,10 @@ def shaper_lines(done: Shaping) -> Iterator[str]:
     yield f"duration: {done.shaper.duration!r} s"
     if done.least:
         yield f"least duration of {done.least.among}: {done.least.duration!r} s: proved"
-    if request.deflection is not None:
-        largest = max(deflection(done.shaper, mode) for mode in request.modes)
-        yield f"largest deflection from the shaped step: {largest:.4f} of that under an unshaped one (measured)"
+    else:
+        yield "least duration: none was proven"
+    if done.deflection is not None:
+        yield f"largest deflection from the shaped step: {interval(done.deflection)} of that under an unshaped one: proved"
     yield f"insensitivity at {100 * request.tolerance:g} %: {done.insensitivity:.6f} of the frequency (measured)"
     low, high = done.damping or (None, None)
     damping = "" if low is None else f", damping {low:g} to {high:g}"
@@ -39,7 +40,31 @@ def shaper_lines(done: Shaping) -> Iterator[str]:
         box = f"frequency × {reach.band.low:g} to {reach.band.high:g}{damping}"
         sides = (reach.worst.lower, reach.worst.upper) if several else done.worst
         allowed = f" (tolerance {reach.band.tolerance:g})" if several else ""
-        yield f"worst residual vibration, {box}: {_interval(sides)}, mode {reach.mode}: proved{allowed}"
+        yield f"worst residual vibration, {box}: {interval(sides)}, mode {reach.mode}: proved{allowed}"
+    if done.move is not None:
+        yield from move_lines(done.move)
+
+
+def move_lines(done: Moved) -> Iterator[str]:
+    """How long the move takes rigid, shaped, and designed together with the shaper, and what each leaves."""
+    move = done.move
+    yield f"move of {move.displacement:g}, input from {move.lower:g} to {move.upper:g}:"
+    yield f"  rigid: {_sides(done.rigid)}{_left(done.left['rigid'])}"
+    if done.shaped is None:
+        yield "  then shaped: negative impulses take it beyond the limits of the input"
+    else:
+        yield f"  then shaped: {done.shaped.maneuver_time!r} s{_left(done.left['shaped'])}"
+    kept = "" if done.kept is None else f"; swings by at most {done.kept:g} of the move over the band: proved"
+    yield f"  designed together: {_sides(done.together)}{kept}{_left(done.left['together'])}"
+
+
+def _sides(bound: Bound) -> str:
+    upper = "–" if bound.upper is None else repr(bound.upper)
+    return f"[{bound.lower!r}, {upper}] s: {bound.status.name.lower()}"
+
+
+def _left(sides: tuple[float, float] | None) -> str:
+    return "" if sides is None else f"; leaves an envelope over the band of {interval(sides)} of the move: proved"
 
 
 def study_lines(shaper: Mapping[str, Any]) -> Iterator[str]:
@@ -49,8 +74,4 @@ def study_lines(shaper: Mapping[str, Any]) -> Iterator[str]:
     yield f"shaper {shaper['kind']}: {shaper['duration']:.10g} s{proven}"
     for band in shaper["bands"]:
         box = "frequency × {:g} to {:g}".format(*band["frequency"])
-        yield f"its worst residual vibration, mode {band['mode']}, {box}: {_interval(band['worst_residual'])}: proved"
-
-
-def _interval(sides: Sequence[float]) -> str:
-    return f"[{outward(sides[0], ROUND_FLOOR)}, {outward(sides[1], ROUND_CEILING)}]"
+        yield f"its worst residual vibration, mode {band['mode']}, {box}: {interval(band['worst_residual'])}: proved"

@@ -14,11 +14,14 @@ from relaxations.checking.worst import Worst, worst_residual
 from relaxations.errors import RelaxationsError, ShaperError
 from relaxations.insensitive import Band
 from relaxations.sensitivity import insensitivity
+from relaxations.shaped_moves import Move
+from relaxations.shaper_deflection import deflection
 from relaxations.shaper_kinds import BAND, KINDS, TOLERANCE, Least, Request, find, make, mistakes
 from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper
 from suite.decays import Measured, measured_decay
 from suite.errors import SuiteError
+from suite.shaper_moves import Moved, moved
 from suite.suggestions import did_you_mean
 from suite.values import mode_text
 
@@ -48,6 +51,9 @@ class Asked:
     signal: str | None = None
     begin: float | None = None
     until: float | None = None
+    move: float | None = None
+    input: str | None = None
+    order: int = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +67,10 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class Shaping:
-    """The answer: the shaper, its least duration if known, its insensitivity at the tolerance, its proven worst residual over each band."""
+    """The answer: the shaper, its least duration if known, its insensitivity at the tolerance, its proven worst residual over each band.
+
+    `deflection`: the largest one from the shaped step lies between these, where it was to be limited.
+    """
 
     kind: str
     request: Request
@@ -71,6 +80,8 @@ class Shaping:
     reaches: tuple[Reach, ...]
     damping: tuple[float, float] | None
     decay: Measured | None = None
+    deflection: tuple[float, float] | None = None
+    move: Moved | None = None
 
     @property
     def worst(self) -> tuple[float, float]:
@@ -84,9 +95,14 @@ class Shaping:
 
     def to_dict(self) -> dict[str, Any]:
         """The object of `shaper --json` (docs/schemas.md)."""
-        least, at = self.least and {"lower": self.least.duration, "among": self.least.among}, self.worst_reach
+        at = self.worst_reach
+        least = self.least and {
+            "lower": self.least.duration,
+            "among": self.least.among,
+            "zeros": [{"frequency": zero.frequency, "damping": zero.damping} for zero in self.least.zeros],
+        }
         whole = self.shaper.to_dict()
-        return {
+        record = {
             "kind": self.kind,
             "modes": [{"frequency": mode.frequency, "damping": mode.damping} for mode in self.request.modes],
             "damping": None if self.damping is None else list(self.damping),
@@ -97,6 +113,7 @@ class Shaping:
             "duration": self.shaper.duration,
             "least_duration": least,
             "insensitivity": {f"{self.request.tolerance:g}": self.insensitivity},
+            "deflection": None if self.deflection is None else list(self.deflection),
             "worst_residual": list(self.worst),
             "worst_at": {"mode": at.mode, "frequency": at.worst.frequency, "damping": at.worst.damping},
             "bands": [
@@ -109,6 +126,7 @@ class Shaping:
                 for reach in self.reaches
             ],
         }
+        return record if self.move is None else {**record, "move": self.move.to_dict()}
 
 
 def design(asked: Asked) -> Shaping:
@@ -120,7 +138,24 @@ def design(asked: Asked) -> Shaping:
     if asked.decay is not None:
         measured = measured_decay(asked.decay, asked.signal, asked.begin, asked.until)
     request, damping = _request(asked, () if measured is None else tuple(found.mode for found in measured.decay.modes))
-    return replace(assess(asked.kind, request, damping), decay=measured)
+    done = replace(assess(asked.kind, request, damping), decay=measured)
+    move = _move(asked)
+    return done if move is None else replace(done, move=moved(asked.kind, request, done.shaper, move, damping))
+
+
+def _move(asked: Asked) -> Move | None:
+    """Raises `SuiteError`."""
+    if asked.move is None:
+        if asked.input is not None:
+            raise SuiteError("--input says within what a --move is made, which is missing")
+        return None
+    try:
+        limits = _interval(asked.input, "limits of the input, such as -2:2")
+        if limits is None:
+            raise SuiteError(f"--move {asked.move:g} needs the limits of its input, such as --input -2:2")
+        return Move(asked.move, *limits, asked.order)
+    except (ValueError, ShaperError) as problem:
+        raise SuiteError(f"--move {asked.move:g} --input {asked.input}: {problem}") from None
 
 
 def assess(kind: str, request: Request, damping: tuple[float, float] | None = None) -> Shaping:
@@ -140,7 +175,11 @@ def assess(kind: str, request: Request, damping: tuple[float, float] | None = No
         worst = worst_residual(*exact, *box, relative=PROVEN, absolute=PROVEN, order=order)
         found.append(Reach(number + 1, band, worst))
     width = min(insensitivity(times, amplitudes, mode.frequency, mode.damping, request.tolerance, order) for mode in request.modes)
-    return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping)
+    strays = None
+    if request.deflection is not None:
+        each = [deflection(made.shaper, mode) for mode in request.modes]
+        strays = max(one.lower for one in each), max(one.upper for one in each)
+    return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping, deflection=strays)
 
 
 def _request(asked: Asked, known: tuple[Mode, ...]) -> tuple[Request, tuple[float, float] | None]:

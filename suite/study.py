@@ -98,8 +98,21 @@ Source = FmuPlant | TransferPlant | RootsPlant | StateSpacePlant | ModalPlant
 
 
 @dataclass(frozen=True, slots=True)
+class Schedule:
+    """Instants `times` [s], ascending from more than 0, and a plant's matrices there where they are not those at 0 (None: an FMU's own)."""
+
+    times: tuple[Decimal, ...]
+    A: tuple[tuple[tuple[Decimal, ...], ...], ...] | None = None
+    B: tuple[tuple[Decimal, ...], ...] | None = None
+    C: tuple[tuple[Decimal, ...], ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Plant:
-    """The plant, the names and units of its input and controlled output, and its input at the initial rest (u_0, input units)."""
+    """The plant, the names and units of its input and controlled output, and its input at the initial rest (u_0, input units).
+
+    With a `schedule` it varies while it moves.
+    """
 
     source: Source
     input: str
@@ -107,6 +120,7 @@ class Plant:
     input_unit: str = ""
     output_unit: str = ""
     initial_input: Decimal = Decimal(0)
+    schedule: Schedule | None = None
 
     @property
     def fmu(self) -> FmuPlant | None:

@@ -124,7 +124,7 @@ def _task(plant: Plant, maneuver: Maneuver, limits: schema.Limits, mistakes: lis
     rest = plant.initial_input
     if not lower <= rest <= upper:
         mistakes.append(Mistake("limits.input", [lower, upper], f"must contain the input at the initial rest, {rest}"))
-    if plant.fmu is not None and not plant.fmu.by_twin:
+    if plant.fmu is not None and (not plant.fmu.by_twin or plant.schedule is not None):
         if maneuver.initial_state is not None:
             mistakes.append(
                 Mistake("maneuver.initial_state", ABSENT, "needs a linear plant whose states are known: an FMU's twin, or numbers")
@@ -166,7 +166,7 @@ def _roots(plant: Plant, linear: LinearPlant | None, axes: list[tuple[int, Uncer
 
 def _box(plant: Plant, axes: list[tuple[int, Uncertainty]], mistakes: list[Mistake]) -> None:
     """Every sample of each axis by itself is a plant: no mass is zero. Of very fine grids only the ends are tried."""
-    if plant.fmu is None or not plant.fmu.by_twin:
+    if plant.fmu is None or not plant.fmu.by_twin or plant.schedule is not None:
         return
     for item, axis in axes:
         for value in axis.values if axis.samples <= TRIED else (axis.lower, axis.upper):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ from fmus.stepping import Probe
 from suite import schema
 from suite.errors import ABSENT, Mistake
 from suite.plant_settings import plant_settings
-from suite.study import FmuPlant, ModalPlant, Plant, RootsPlant, Source, StateSpacePlant, TransferPlant
+from suite.study import FmuPlant, ModalPlant, Plant, RootsPlant, Schedule, Source, StateSpacePlant, TransferPlant
 from suite.suggestions import did_you_mean
 
 FORMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -72,8 +73,10 @@ def understand_plant(written: schema.Plant, folder: Path) -> tuple[Plant | None,
     form = _form(written, mistakes)
     if form is None:
         return None, None, mistakes
+    schedule = _schedule(written, form, mistakes)
     if form == "fmu":
-        return _fmu_plant(written, folder, mistakes)
+        plant, names, mistakes = _fmu_plant(written, folder, mistakes)
+        return plant and replace(plant, schedule=schedule), names, mistakes
     _refuse(
         written, ("parameters", "linearization", "identification"), "belongs to an FMU; here the numbers themselves are the plant", mistakes
     )
@@ -88,7 +91,39 @@ def understand_plant(written: schema.Plant, folder: Path) -> tuple[Plant | None,
     names = PlantNames(None, tuple(dict.fromkeys(("output", "output_rate", output, *(written.outputs or {})))), output)
     if mistakes or source is None:
         return None, names, mistakes
-    return Plant(source, written.input or "input", output, initial_input=_initial_input(written, Decimal(0))), names, mistakes
+    initial_input = _initial_input(written, Decimal(0))
+    return Plant(source, written.input or "input", output, initial_input=initial_input, schedule=schedule), names, mistakes
+
+
+def _schedule(written: schema.Plant, form: str, mistakes: list[Mistake]) -> Schedule | None:
+    """The schedule, and what is wrong with it: instants, who may have one, and the sizes of its matrices."""
+    asked, place = written.schedule, "plant.schedule"
+    if asked is None:
+        return None
+    if form not in ("fmu", "A, B, C, D"):
+        mistakes.append(Mistake(place, ABSENT, "belongs to an FMU, or to the form A, B, C, D, whose matrices may vary"))
+        return None
+    if not asked.times or asked.times[0] <= 0 or any(b <= a for a, b in itertools.pairwise(asked.times)):
+        mistakes.append(Mistake(f"{place}.times", list(asked.times), "must ascend from more than 0; at 0 the plant is as written"))
+    tables: dict[str, tuple[Any, ...] | None] = {"A": asked.A, "B": asked.B, "C": asked.C}
+    given = {name: table for name, table in tables.items() if table is not None}
+    if form == "fmu":
+        why = "belongs to a plant given as numbers; an FMU is linearised along its own motion"
+        mistakes += [Mistake(f"{place}.{name}", ABSENT, why) for name in given]
+        if written.linearization in ("twin", "identified"):
+            why = "contradicts plant.schedule: the FMU is linearised along its motion; valid are auto, derivatives, differences"
+            mistakes.append(Mistake("plant.linearization", written.linearization, why))
+        return Schedule(asked.times)
+    if not given:
+        mistakes.append(Mistake(place, ABSENT, "varies nothing: give A, B or C at these times, one matrix or row for each"))
+    n = len(written.B or ())
+    for name, table in given.items():
+        if len(table) != len(asked.times):
+            mistakes.append(Mistake(f"{place}.{name}", ABSENT, f"has {len(table)} items, and times has {len(asked.times)}: one for each"))
+        rows = [row for matrix in table for row in matrix] if name == "A" else list(table)
+        if any(len(row) != n for row in rows) or (name == "A" and any(len(matrix) != n for matrix in table)):
+            mistakes.append(Mistake(f"{place}.{name}", ABSENT, f"has other sizes than plant.{name}, which belongs to {n} states"))
+    return Schedule(asked.times, asked.A, asked.B, asked.C)
 
 
 def description(data: Mapping[str, Any], folder: Path) -> Description | None:

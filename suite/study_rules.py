@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from decimal import Decimal
 from typing import Any
 
 from suite import schema
@@ -84,6 +85,8 @@ def contradictions(study: schema.Written) -> Iterator[Mistake]:
         yield from _thrusters(study.limits, study.command)
     if study.maneuver and study.maneuver.initial_state is not None and study.command:
         yield from _started(study.command)
+    if study.plant and study.plant.schedule is not None:
+        yield from _varying(study)
     if study.limits and study.limits.rate and not study.limits.rate[0] <= 0 <= study.limits.rate[1]:
         yield Mistake("limits.rate", study.limits.rate, "must contain 0: at rest the input stands still")
     if study.command:
@@ -141,6 +144,25 @@ def _started(command: schema.Command) -> Iterator[Mistake]:
         yield Mistake("command.start", command.start, f"{why}: until the command begins, the plant would move on")
     if command.kind not in ("time-optimal", "file"):
         yield Mistake("command.kind", command.kind, f'{why}: only "time-optimal" and "file" commands begin elsewhere than at rest')
+
+
+def _varying(study: schema.Written) -> Iterator[Mistake]:
+    why, command = "contradicts plant.schedule", study.command or schema.Command()
+    if command.kind not in ("time-optimal", "file"):
+        hint = "; command.follow, without a schedule, is what shapers have for plants that vary" if command.kind == "shaper" else ""
+        yield Mistake("command.kind", command.kind, f'{why}: "time-optimal" and "file" are supported{hint}')
+    if command.robustness:
+        yield Mistake("command.robustness", command.robustness, f"{why}: further zeros and boxes are about plants that do not vary")
+    if command.tail:
+        yield Mistake("command.tail", True, f"{why}: a tail hides in the zeros of a plant that does not vary")
+    if command.start:
+        yield Mistake("command.start", command.start, f"{why}: the plant varies from the beginning of the move on")
+    if study.maneuver and study.maneuver.initial_state is not None:
+        yield Mistake("maneuver.initial_state", ABSENT, f"{why}: the move begins at rest")
+    for key in ("rate", "deflection", "sample_time", "tail_length", "zero_sensitivity", "pulse_width", "pulses") if study.limits else ():
+        if (value := getattr(study.limits, key)) is not None:
+            shown = value if isinstance(value, Decimal | int) else ABSENT
+            yield Mistake(f"limits.{key}", shown, f"{why}: a plant that varies is moved within limits of its input and its fuel")
 
 
 def _command(command: schema.Command) -> Iterator[Mistake]:

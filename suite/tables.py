@@ -111,6 +111,9 @@ def tabulate(
     if study.limits.pulse_width is not None or study.limits.pulses is not None:
         why = "commands of a table are scaled between its rows, and thrusters are on or off"
         raise StudyError(str(study.file), [Mistake("limits.pulse_width", "", why)])
+    if study.plant.schedule is not None:
+        why = "commands of a table begin at any time, and this plant varies from the start of the move on"
+        raise StudyError(str(study.file), [Mistake("plant.schedule", "", why)])
     if study.maneuver.initial_state is not None:
         why = "commands of a table are scaled between its rows, which only moves from rest allow"
         raise StudyError(str(study.file), [Mistake("maneuver.initial_state", "", why)])

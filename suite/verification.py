@@ -99,7 +99,7 @@ def _planned(study: Study, made: Design) -> tuple[Sample, ...]:
     if count > MOST_RUNS:
         raise refusal(study, "uncertainty", f"the product of all axes has {count} samples; at most {MOST_RUNS} runs are made")
     planned = samples(study)
-    if unstable := ", ".join([sample.name for sample in planned if sample.plant.is_unstable][:5]):
+    if unstable := ", ".join([sample.name for sample in planned if sample.unstable][:5]):
         raise refusal(study, "plant", f"the plant is unstable (in {unstable}): an open-loop command means nothing on it; bound works")
     asks_for_rest = any(requirement.quantity.name in ("residual_vibration", "final_error") for requirement in study.requirements)
     for sample in planned:

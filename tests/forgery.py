@@ -6,6 +6,7 @@ import copy
 import hashlib
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -17,7 +18,8 @@ from problems import KNOWN, Known, transfer
 
 from relaxations.checking import balls
 from relaxations.checking.reading import read
-from relaxations.maneuvers import Limits, Maneuver, problem
+from relaxations.initial import from_output
+from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import exact
 from relaxations.proofs import minimum_time
 
@@ -37,11 +39,35 @@ def proven(name: str) -> bytes:
     return _certified(name, BY_NAME[name].problem)
 
 
+def _limited(
+    denominator: list[Any],
+    displacement: str,
+    start: tuple[int, ...] = (),
+    sample_time: Fraction | None = None,
+    pulse_width: Fraction | None = None,
+    speed: str | None = None,
+) -> Problem:
+    plant = transfer([1], denominator)()
+    begin = from_output(plant, [Fraction(x) for x in start]) if start else None
+    limits = replace(Limits.of(-1, 1, deflection={"output_rate": speed} if speed else {}), pulse_width=pulse_width)
+    return problem([plant], Maneuver(Fraction(displacement), limits, initial=begin, sample_time=sample_time))
+
+
+LIMITED: dict[str, Callable[[], Problem]] = {
+    "sampled": lambda: _limited([2, 0, 4, 0, 0], "5", sample_time=Fraction(1, 4)),
+    "exact": lambda: _limited([1, 0, 0], "1", sample_time=Fraction(1, 10)),
+    "started": lambda: _limited([1, 0, 1], "1/4", start=(5, 3)),
+    "braked": lambda: _limited([1, "0.3", 4], "1/10", start=(2, -1)),
+    "pulsed": lambda: _limited([1, 0, 0], "1", pulse_width=Fraction(11, 10)),
+    "speed": lambda: _limited([1, 0, 0], "1", speed="0.5"),
+}
+"""Tasks with limits beyond the input's."""
+
+
 @cache
-def proven_course() -> bytes:
-    """The certificate of a cart whose speed is limited."""
-    limits = Limits.of(-1, 1, deflection={"output_rate": "0.5"})
-    return _certified("course", lambda: problem([transfer([1], [1, 0, 0])()], Maneuver(Fraction(1), limits)))
+def proven_limited(name: str) -> bytes:
+    """The certificate of one of `LIMITED`."""
+    return _certified(f"limited_{name}", LIMITED[name])
 
 
 @cache
@@ -120,6 +146,7 @@ def task(numerator: list[str], denominator: list[str], displacement: str = "1", 
     plant = {"numerator": numerator, "denominator": denominator, "outputs": others.pop("outputs", {}), "zeros": others.pop("zeros", {})}
     return {
         "plants": [plant],
+        "schedule": None,
         "box": None,
         "displacement": displacement,
         "initial_state": None,
@@ -139,7 +166,12 @@ def certificate(
 
 
 def costate(
-    *chains: tuple[tuple[str, str], list[tuple[str, str]]], tail: Any = (), fuel: str = "0", deflection: Any = (), ramps: Any = ()
+    *chains: tuple[tuple[str, str], list[tuple[str, str]]],
+    tail: Any = (),
+    fuel: str = "0",
+    deflection: Any = (),
+    ramps: Any = (),
+    steps: Any = (),
 ) -> dict[str, Any]:
     """A lower side's witness."""
     written_chains = [{"near": list(near), "coefficients": [list(c) for c in coefficients]} for near, coefficients in chains]
@@ -150,6 +182,7 @@ def costate(
         "fuel": fuel,
         "deflection": list(deflection),
         "ramps": list(ramps),
+        "steps": list(steps),
     }
 
 

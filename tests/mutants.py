@@ -1,9 +1,9 @@
-"""Mutation testing of the checker: `make mutants`, or `python tests/mutants.py [FOLDER]`, an hour on two cores.
+"""Mutation testing of the checker: `make mutants`, or `python tests/mutants.py [FOLDER [FUNCTION …]]`, an hour on two cores.
 
 Everything is copied into a folder of its own, the certificates that the tests ask for are made there first (by the checker as it is: a
 mutant must not hinder their making), then mutmut changes the checker's copy in every way that it knows and runs the tests of the checker,
 but for a few that take seconds. Mutants of messages alone are counted; the other survivors are printed as docs/checker-mutations.md lists
-them, and the exit code says whether that document argues all of them.
+them, and the exit code says whether that document argues all of them. FUNCTION (lower.prove, balls.Root.ramp, balls.*) runs those alone.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 ARGUED = ROOT / "docs" / "checker-mutations.md"
-HELPERS = ("forgery", "independent", "problems", "random_maneuvers")
+HELPERS = ("forgery", "independent", "independent_limits", "problems", "random_maneuvers")
 CHECKER = Path("relaxations", "checking")
 LENGTHY = ("many segments", "many contacts", "many segments and poles", "too many segments", "many names", "many oscillations")
 LEFT_OUT = [
@@ -45,10 +45,10 @@ do_not_mutate = ["*/boxes.py", "*/durations.py", "*/worst.py"]
 also_copy = ["relaxations", "fmus", "reports", "suite", "tests"]
 """
 RECORD = """
-import forgery
-for names, make, prefix in ((forgery.BY_NAME, forgery.proven, ""), (forgery.TAILS, forgery.proven_tail, "tail_")):
+import forgery as of
+for names, make, prefix in ((of.BY_NAME, of.proven, ""), (of.TAILS, of.proven_tail, "tail_"), (of.LIMITED, of.proven_limited, "limited_")):
     for name in names:
-        (forgery.RECORDED / f"{prefix}{name}.json").write_bytes(make(name))
+        (of.RECORDED / f"{prefix}{name}.json").write_bytes(make(name))
 """
 
 
@@ -77,6 +77,13 @@ def bodies(source: str) -> dict[str, list[str]]:
     return {node.name: [line.strip() for line in lines[node.lineno : node.end_lineno]] for node in functions if "__mutmut_" in node.name}
 
 
+def mutated(function: str) -> str:
+    """mutmut's pattern for a function of the checker."""
+    module, *names = function.split(".")
+    name = names[-1] if len(names) == 1 else "ǁ".join(("", *names))
+    return f"relaxations.checking.{module}.x{'' if len(names) > 1 else '_'}{name}*" if name != "*" else f"relaxations.checking.{module}.*"
+
+
 def survivors(folder: Path) -> Iterator[tuple[str, str, str]]:
     """Function, line before and line after of each mutant that no test notices."""
     for meta in sorted((folder / "mutants" / CHECKER).glob("*.meta")):
@@ -95,9 +102,9 @@ def wordless(line: str) -> str:
     return re.sub(r'f?"[^"]*"', "None", line)
 
 
-def main(folder: Path) -> int:
+def main(folder: Path, functions: list[str]) -> int:
     prepare(folder)
-    print(mutmut(folder, "run", "--max-children", "2").splitlines()[-1])
+    print(mutmut(folder, "run", "--max-children", "2", *map(mutated, functions)).splitlines()[-1])
     found, argued = list(survivors(folder)), ARGUED.read_text()
     lines = [f"{function}: {before} → {after}" for function, before, after in found if wordless(before) != wordless(after)]
     print(f"{len(found) - len(lines)} survivors change what a message says and nothing else; not argued in {ARGUED.name}:")
@@ -107,4 +114,4 @@ def main(folder: Path) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp(prefix="mutants"))))
+    sys.exit(main(Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp(prefix="mutants")), sys.argv[2:]))

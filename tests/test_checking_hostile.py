@@ -140,5 +140,6 @@ print(sorted(name for name in sys.modules if name.startswith(("relaxations", "su
         ".checking.ramps",
         ".checking.reading",
         ".checking.upper",
+        ".checking.varying",
     ]
     assert done.stdout.splitlines() == ["proved True", "[]", str([f"relaxations{name}" for name in modules])]

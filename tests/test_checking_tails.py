@@ -94,7 +94,7 @@ def test_unknowns_of_a_tail_stand_where_their_names_say() -> None:
     witness = command("8", [("0", "1/2"), ("7", "1/3")], names, tail=[pair, single])
     found = read(certificate(of, upper="9", witnesses=(None, witness)))
     with flint.ctx.workprec(128):
-        numbers, unknowns = upper.as_written(plant, found.upper)
+        numbers, unknowns = upper.as_written(plant.task, plant.zeros, found.upper)
     assert [numbers[place] for place in unknowns] == [5, 4, 3, 2, 6, 8, 7, fmpq(1, 3)]
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from forgery import certificate, changed, command, costate, number, opened, proven_course, task, written
+from forgery import certificate, changed, command, costate, number, opened, proven_limited, task, written
 from independent import StateSpace
 from independent_limits import Limited
 from problems import transfer, two_mass
@@ -184,7 +184,6 @@ def test_what_the_checker_calls_malformed() -> None:
         {"outputs": {"rate": ["0", "1"]}},
         {"outputs": {"rate": ["1"]}},  # this output rests at 1, beyond its limit
         {"rest": "output"},
-        {"sample_time": "0.5"},
     ):
         assert lower_side("2.4", [PRESS], **others) is Outcome.MALFORMED, others
     for change in ({"output": "speed"}, {"begin": "-1"}, {"begin": "3"}):
@@ -192,7 +191,7 @@ def test_what_the_checker_calls_malformed() -> None:
 
 
 def test_a_changed_limit_changes_the_claim() -> None:
-    content = proven_course()
+    content = proven_limited("speed")
     assert "'output_rate', numerator [1, 0], never leaves its first rest value by more than 0.5" in claim(check(content))
     times = [number(opened(content)["claim"][side]) for side in ("lower", "upper")]
     for limit, outcome in (("0.499", Outcome.REFUTED), ("0.51", Outcome.REFUTED)):

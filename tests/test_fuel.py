@@ -9,7 +9,7 @@ from math import exp, log
 
 import numpy as np
 import pytest
-from forgery import certificate, changed, command, costate, number, opened, task, written
+from forgery import certificate, costate, task
 from independent_limits import Limited
 from problems import transfer
 
@@ -18,7 +18,7 @@ from relaxations.checking.claims import Outcome, check, claim
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant, exact
-from relaxations.proofs import LIMITED, minimum_time
+from relaxations.proofs import LIMITED, REGULAR, minimum_time
 
 PLANTS = {"spring": transfer([1], [1, 0, 2, 0, 0]), "rigid": transfer([1], [1, 0, 0]), "lag": transfer([1], [1, 1, 0])}
 SPRING, RIGID, LAG = PLANTS
@@ -29,35 +29,46 @@ def bound(plant: str, displacement: str, fuel: str | None, lower: str = "-1", up
     return minimum_time(problem([PLANTS[plant]()], Maneuver(exact(displacement), Limits.of(lower, upper, fuel), robustness=robustness)))
 
 
-def sides(found: Bound) -> tuple[float, float]:
+def sides(found: Bound, gap: float = REGULAR) -> tuple[float, float]:
     assert found.status is Status.PROVED, found.reason
     assert found.certificate is not None
     assert found.upper is not None
     assert check(found.certificate).outcome is Outcome.PROVED
-    assert found.upper - found.lower <= LIMITED * found.lower
+    assert found.upper - found.lower <= gap * found.lower
     return found.lower, found.upper
 
 
 # Two-mass spring, Δ = 5, |u| ≤ 1: Singhose, Singh and Seering, J. Dynamic Systems, Measurement, and Control 121 (1999), digits by Newton's
-# method on the switch times. At the first one no second pulse pair is needed: the optimum is degenerate.
-PROFILES = {("4.5015815808", 0): 6.6936737286, ("4", 0): 8.1107317945, ("3.5", 0): 8.7965032368, ("3.5", 1): 9.2461624729}
+# method on the switch times, of which those in the first half are given.
+PROFILES = {
+    ("4", 0): (8.1107317945, (0.8169711992, 1.7558594103, 2.9388882111)),
+    ("3.5", 0): (8.7965032368, ()),
+    ("3.5", 1): (9.2461624729, (0.5501287725, 1.8495533507, 3.0494245782)),
+}
 
 
 @pytest.mark.parametrize(("fuel", "robustness"), PROFILES)
 def test_known_profiles_lie_between_the_proven_sides(fuel: str, robustness: int) -> None:
-    found = bound(SPRING, "5", fuel, robustness=robustness)
+    found, (time, switches) = bound(SPRING, "5", fuel, robustness=robustness), PROFILES[fuel, robustness]
     lower, upper = sides(found)
-    assert lower <= PROFILES[fuel, robustness] + 5e-11
-    assert upper >= PROFILES[fuel, robustness] - 5e-11
+    assert lower <= time + 5e-11
+    assert upper >= time - 5e-11
     assert found.command is not None
-    assert 0.999999 * float(fuel) < found.command.fuel() <= float(fuel) * (1 + 1e-12)
+    assert found.switches == 6
+    assert abs(found.command.fuel() - float(fuel)) <= 1e-14 * float(fuel)
+    starts, levels = zip(*((segment.start, segment.level) for segment in found.command.segments), strict=True)
+    assert levels == (1.0, 0.0, 1.0, 0.0, -1.0, 0.0, -1.0)
+    np.testing.assert_allclose([*starts[1:], upper - starts[-1]][: len(switches)], switches, rtol=0.0, atol=6e-11)
+    np.testing.assert_allclose(starts[1:], upper - np.array(starts[:0:-1]), rtol=0.0, atol=1e-13)  # the profile is antisymmetric
 
 
-@pytest.mark.slow
-def test_the_second_node_of_fuel() -> None:
-    lower, upper = sides(bound(SPRING, "5", "2.2507907904"))
-    assert lower <= 10.0111612715 + 5e-11
-    assert upper >= 10.0111612715 - 5e-11
+# Where exactly so much fuel is left that no second pair of pulses is needed, M ω Δ/(n π), the optimum is degenerate: two switches for
+# five equations. The numbers are such nodes to ten digits.
+@pytest.mark.parametrize(("fuel", "time", "gap"), [("4.5015815808", 6.6936737286, 3e-8), ("2.2507907904", 10.0111612715, 3e-7)])
+def test_nodes_of_fuel(fuel: str, time: float, gap: float) -> None:
+    lower, upper = sides(bound(SPRING, "5", fuel), gap)  # on grids that are dense where the command changes
+    assert lower <= time + 5e-11
+    assert upper >= time - 5e-11
 
 
 @pytest.mark.parametrize(("low", "high", "fuel"), [("-1", "1", "1"), ("-1", "2", "1"), ("-3", "0.5", "0.25")])
@@ -74,14 +85,14 @@ def test_a_budget_that_is_not_needed_changes_nothing() -> None:
     free, rich = bound(SPRING, "5", None), bound(SPRING, "5", "6.6627284204")
     assert (rich.lower, rich.upper, rich.switches) == (free.lower, free.upper, free.switches)
     poor = bound(SPRING, "5", "6.66272842")  # one that is short by 3e-11
-    lower, upper = sides(poor)
+    lower, upper = sides(poor, 3e-8)  # its price is too low for the grid's program to tell from none
     assert upper >= free.lower
     assert free.upper is not None
-    assert lower <= free.upper * (1 + LIMITED)
+    assert lower <= free.upper * (1 + 1e-10)
 
 
 def test_less_fuel_takes_no_less_time() -> None:
-    times = [sides(bound(SPRING, "5", fuel)) for fuel in ("6.6627284204", "5", "4.5015815808", "4", "3.5")]
+    times = [sides(bound(SPRING, "5", fuel), LIMITED) for fuel in ("6.6627284204", "5", "4.5015815808", "4", "3.5")]
     assert all(later[1] > earlier[0] for earlier, later in pairwise(times))
     assert times[-1][0] > times[0][1]
 
@@ -130,61 +141,6 @@ def test_where_a_budget_makes_no_sense() -> None:
     for price, of in (("1", None), ("-1", "1")):
         content = certificate(task(["1"], ["1", "0", "0"], fuel=of), "1", witnesses=(costate(fuel=price), None))
         assert check(content).outcome is Outcome.MALFORMED
-
-
-# Lies: about the rigid body, whose numbers fit on a line. Δ = 1, |u| ≤ 1, U = 1: T = 2.5, u = 1 until 0.5, -1 from 2 on; p = (s - 1.25)/1.5
-# times a factor, μ where it is at the switches.
-
-PROFILE = [("0", "1"), ("0.5", "0"), ("2", "-1")]
-
-
-def upper_side(time: str, fuel: str | None = "1", segments: list[tuple[str, str]] = PROFILE, free: tuple[int, int] = (0, 2)) -> Outcome:
-    posed = task(["1"], ["1", "0", "0"], fuel=fuel)
-    return check(certificate(posed, upper=time, witnesses=(None, command(time, segments, [["level", i, 0] for i in free])))).outcome
-
-
-def lower_side(time: str, price: str, fuel: str | None = "1", slope: str = "1") -> Outcome:
-    chains = (("0", "0"), [(written(-number(slope) * Fraction(5, 4)), "0"), (slope, "0")])
-    return check(certificate(task(["1"], ["1", "0", "0"], fuel=fuel), time, witnesses=(costate(chains, fuel=price), None))).outcome
-
-
-def test_the_upper_side_of_a_budget() -> None:
-    assert upper_side("2.5") is Outcome.PROVED  # the optimum itself: its numbers are exact
-    assert upper_side("2.5", fuel="0.9999999") is Outcome.REFUTED
-    slower = [("0", "0.952380952"), ("0.5", "0"), ("2.1", "-0.952380952")]  # v = 1/2.1, which is the fuel too: 2 v
-    assert upper_side("2.6", segments=slower) is Outcome.PROVED
-    assert upper_side("2.6", fuel=None, segments=slower) is Outcome.PROVED
-    assert upper_side("2.6", fuel="0.95", segments=slower) is Outcome.REFUTED
-    assert upper_side("2.59", segments=slower) is Outcome.REFUTED
-
-
-def test_the_lower_side_of_a_budget() -> None:
-    assert lower_side("2.4999999", "0.75") is Outcome.PROVED
-    assert lower_side("2.5000001", "0.75") is Outcome.REFUTED
-    for price in ("0.7", "0.8", "0.5"):  # any other price is worse, none at all is that of the bang-bang command
-        assert lower_side("2.4999999", price) is Outcome.REFUTED
-        assert lower_side("2.3", price) is Outcome.PROVED
-    assert lower_side("2.01", "0") is Outcome.REFUTED
-    assert lower_side("2.4999999", "0.75", fuel="1.0001") is Outcome.REFUTED
-    assert lower_side("2.4999999", "0.75", fuel="0.9999") is Outcome.PROVED
-    assert lower_side("1", "2") is Outcome.REFUTED  # so expensive that nothing is gained at any time
-
-
-def test_a_changed_budget_changes_the_claim() -> None:
-    content = bound(SPRING, "5", "4").certificate
-    assert content is not None
-    times = [number(opened(content)["claim"][side]) for side in ("lower", "upper")]
-    less = changed(content, lambda data: data["task"]["limits"].update(fuel="3.99"))
-    assert check(less).outcome is Outcome.REFUTED  # the command burns more
-    more = changed(content, lambda data: data["task"]["limits"].update(fuel="4.01"))
-    assert check(more).outcome is Outcome.REFUTED  # the lower side is not true any more
-    for side, time, factor in zip(("lower", "upper"), times, (Fraction(100001, 100000), Fraction(99999, 100000)), strict=True):
-        lie = changed(content, lambda data, side=side, time=time, factor=factor: data["claim"].update({side: written(time * factor)}))
-        assert check(lie).outcome is Outcome.REFUTED
-    free = changed(
-        content, lambda data: (data["task"]["limits"].update(fuel=None), data["claim"].update(lower=None), data["lower"].update(fuel="0"))
-    )
-    assert check(free).outcome is Outcome.PROVED  # true, about another task
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -50,7 +50,7 @@ def test_as_many_derivatives_vanish_as_were_asked_for(derivatives: int, damping:
 
 def test_the_undamped_facts():
     mode = Mode(2 * math.pi)
-    ei = extra_insensitive(mode, 0.05)
+    ei = extra_insensitive(mode, 0.05).shaper
     assert ei.times == pytest.approx([0.0, 0.5, 1.0], abs=ROUNDING)
     assert ei.amplitudes == pytest.approx([1.05 / 4, 0.95 / 2, 1.05 / 4], abs=ROUNDING)
     widths = {
@@ -94,14 +94,14 @@ def test_a_specified_negative_amplitude_is_shorter_than_zv_and_no_neighbour_is_s
 def test_the_humps_touch_the_tolerance_and_nothing_exceeds_it(humps: int, damping: float, tolerance: float):
     mode = Mode(2 * math.pi, damping)
     for make in (extra_insensitive, unity_magnitude):
-        shaper = make(mode, tolerance, humps)
+        shaper = make(mode, tolerance, humps).shaper
         assert sum(shaper.amplitudes) == pytest.approx(1.0, abs=1e-11)
         width = insensitivity(shaper.times, shaper.amplitudes, mode.frequency, damping, tolerance * (1 + 1e-9))
         middle = left(shaper, mode)
         assert middle == pytest.approx(tolerance if humps % 2 else 0.0, abs=1e-10)
         assert width > insensitivity(*_zvd(mode), mode.frequency, damping, tolerance) * (0.6 if make is unity_magnitude else 1.0)
-    assert min(extra_insensitive(mode, tolerance, humps).amplitudes) > 0
-    assert [round(a) for a in unity_magnitude(mode, tolerance, humps).amplitudes] == [(-1) ** k for k in range(2 * humps + 3)]
+    assert min(extra_insensitive(mode, tolerance, humps).shaper.amplitudes) > 0
+    assert [round(a) for a in unity_magnitude(mode, tolerance, humps).shaper.amplitudes] == [(-1) ** k for k in range(2 * humps + 3)]
 
 
 def _zvd(mode: Mode) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -123,7 +123,7 @@ def test_partial_sums_in_bounds_are_proven_shortest():
 
 
 def test_time_scales_with_frequency():
-    for make in (derivative_shaper, mzv, lambda m: extra_insensitive(m, 0.05, 2), lambda m: negative_zv(m, 0.4)):
+    for make in (derivative_shaper, mzv, lambda m: extra_insensitive(m, 0.05, 2).shaper, lambda m: negative_zv(m, 0.4)):
         slow, fast = make(Mode(1.0, 0.07)), make(Mode(250.0, 0.07))
         assert np.array(slow.times) / 250.0 == pytest.approx(np.array(fast.times), rel=1e-11)
         assert slow.amplitudes == pytest.approx(fast.amplitudes, abs=1e-11)

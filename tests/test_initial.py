@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from fractions import Fraction
 from math import acos, sqrt
 
 import numpy as np
 import pytest
-from forgery import forged
 from independent import StateSpace
 from problems import two_mass
 from scipy.linalg import expm
 from scipy.optimize import linprog
 
 from relaxations.bounds import Bound, Status
-from relaxations.checking.claims import Outcome, check, claim
+from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError
 from relaxations.initial import at_rest, from_output, from_state, moments, moved
@@ -191,72 +189,3 @@ def test_bad_starts_are_refused_in_words() -> None:
         posed(PENDULUM, (1, 0), robustness=1)
     with pytest.raises(ManeuverError, match="has 2 numbers, not 1"):
         problem([PENDULUM], Maneuver(Fraction(0), Limits.of(-1, 1), initial=(Fraction(1),)))
-
-
-# The certificate.
-
-
-@pytest.fixture(scope="module")
-def certificate() -> bytes:
-    found = minimum_time(posed(PENDULUM, (5, 3), Fraction(1, 4))).certificate
-    assert found is not None
-    return found
-
-
-def test_the_claim_says_where_the_plant_begins(certificate: bytes) -> None:
-    said = claim(check(certificate))
-    assert "x and its derivatives begin at [5, 3]." in said
-    assert "Task: from there move the output by 0.25 from that rest" in said
-
-
-@pytest.mark.parametrize(
-    ("value", "outcome"),
-    [
-        (None, Outcome.REFUTED),
-        (["5", "3.01"], Outcome.REFUTED),
-        (["5.01", "3"], Outcome.REFUTED),
-        (["-5", "-3"], Outcome.REFUTED),
-        (["5"], Outcome.MALFORMED),
-        (["5", "3", "0"], Outcome.MALFORMED),
-        (["5", 3], Outcome.MALFORMED),
-        ([], Outcome.MALFORMED),
-    ],
-)
-def test_another_start_is_another_task(certificate: bytes, value: object, outcome: Outcome) -> None:
-    data = json.loads(certificate)
-    data["task"]["initial_state"] = value
-    assert check(forged(data)).outcome is outcome
-
-
-@pytest.mark.parametrize(
-    ("where", "value"),
-    [(("rest",), "output"), (("plants", 0, "zeros"), {"mode[1]": 1}), (("initial_input",), "0.5"), (("displacement",), "0.3")],
-)
-def test_what_does_not_go_with_a_start_proves_nothing(certificate: bytes, where: tuple[str | int, ...], value: object) -> None:
-    data = json.loads(certificate)
-    place = data["task"]
-    for step in where[:-1]:
-        place = place[step]
-    place[where[-1]] = value
-    assert check(forged(data)).outcome is not Outcome.PROVED
-
-
-@pytest.mark.parametrize("criterion", ["face", "remainder", "fuel"])
-def test_a_start_is_never_called_impossible_by_the_criteria_for_rest(certificate: bytes, criterion: str) -> None:
-    data = json.loads(certificate)
-    data["task"]["limits"]["input"] = ["0", "1"]
-    data["claim"] = {"lower": None, "upper": None, "impossible": criterion}
-    assert check(forged(data)).outcome is not Outcome.PROVED
-
-
-@pytest.mark.parametrize(
-    ("side", "factor", "outcome"),
-    [("lower", "1.001", Outcome.REFUTED), ("lower", "0.999", Outcome.PROVED), ("upper", "0.999", Outcome.REFUTED)],
-)
-def test_stronger_claims_are_refuted_weaker_ones_hold(certificate: bytes, side: str, factor: str, outcome: Outcome) -> None:
-    data = json.loads(certificate)
-    found = check(certificate).certificate
-    assert found is not None
-    value = Fraction(str(getattr(found.claim, side))) * Fraction(factor)
-    data["claim"][side] = f"{value.numerator}/{value.denominator}"
-    assert check(forged(data)).outcome is outcome

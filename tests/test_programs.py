@@ -7,7 +7,7 @@ import pytest
 from independent import StateSpace, reachable_fraction
 from problems import AWKWARD, FACTS, KNOWN, Known, chain, two_mass
 
-from relaxations import bounds, programs
+from relaxations import bounds, posing, programs
 from relaxations.bounds import bracket
 from relaxations.energy import energy_bound
 from relaxations.errors import SolverError
@@ -19,7 +19,7 @@ SOLVER = 1e-8  # relative: Clarabel was asked for 1e-10 of numbers that are up t
 
 
 def solved(posed: Problem, time: float, cells: int = CELLS) -> programs.GridSolution:
-    return programs.solve(programs.build(posed, np.linspace(0.0, time, cells + 1)))
+    return programs.solve(posing.build(posed, np.linspace(0.0, time, cells + 1)))
 
 
 def plain(known: Known) -> bool:
@@ -120,7 +120,7 @@ def test_the_same_program_gives_the_same_bytes():
 
 def test_a_grid_that_is_too_coarse_for_the_equations_is_refused():
     with pytest.raises(SolverError, match="dependent on 5 intervals"):
-        programs.build(problem([chain(4)], Maneuver(exact(2), Limits.of(-1, 1))), np.linspace(0, 9, 6))
+        posing.build(problem([chain(4)], Maneuver(exact(2), Limits.of(-1, 1))), np.linspace(0, 9, 6))
 
 
 def test_rows_of_very_different_size_are_not_taken_for_dependent():
@@ -146,7 +146,7 @@ def test_no_command_reaches_more_than_its_energy_allows(known: Known, factor: fl
     posed = known.problem()
     instants = bounds.instants(posed, factor * known.time, bounds.Settings())
     most = energy_bound(posed, instants)
-    assert programs.solve(programs.build(posed, instants)).fraction <= most * (1 + 1e-6)  # the solver's tolerance
+    assert programs.solve(posing.build(posed, instants)).fraction <= most * (1 + 1e-6)  # the solver's tolerance
     assert most >= 1.0 - 1e-4 or factor < 1.0  # the grid's staircase falls short of the command by as much
 
 

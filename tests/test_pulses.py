@@ -79,7 +79,7 @@ def test_impulses_drawn_out_leave_nothing_either_also_on_samples():
     drawn = as_pulses(derivative_shaper(ONE[0], 1), 0.2)
     assert left(drawn, ONE[0]) < 1e-13
     step = 0.05
-    stairs = as_pulses(sampled([(mode, 0) for mode in TWO], step), step)
+    stairs = as_pulses(sampled([(mode, 0) for mode in TWO], step).shaper, step)
     assert max(left(stairs, mode) for mode in TWO) < 1e-12
     edges = np.array(stairs.excitation[0]) / step
     assert np.abs(edges - edges.round()).max() < 1e-9

@@ -155,11 +155,11 @@ def test_the_picture_is_the_one_that_its_script_draws(tmp_path: Path):
 def test_times_in_the_prose_are_those_of_the_picture_and_of_the_commands(printed: dict[str, str]):
     picture = (ROOT / "docs/two_mass.svg").read_text()
     told = set(re.findall(r"\((\d\.\d{4}) s\)", README))
-    assert told == {"6.6627", "7.6654"}
+    assert told == {"6.6627", "7.2711", "7.6654"}
     for time in told:
         assert f"{time} s" in picture
     took = {f"{float(x):.4f}" for output in printed.values() for x in re.findall(r"maneuver_time \[s\]\s*│\s*([\d.]+)", output)}
-    assert told == took
+    assert took == {"6.6627", "7.2711"}, "what `verify` is quoted with"
 
 
 # What it says of what there is.

@@ -44,7 +44,7 @@ def test_an_extremal_meets_the_moments_and_its_costate_vanishes_at_its_switches(
     assert known.time is not None
     assert abs(found.maneuver_time - known.time) <= known.error + 1e-13 * known.time
     edges = np.concatenate([[0.0], found.switches_to_go, [found.maneuver_time]])
-    residual, _ = moment_residual(posed, found.levels(posed), edges)
+    residual, _ = moment_residual(posed, found.levels, edges)
     size = np.abs(posed.rows(np.linspace(0, found.maneuver_time, 400))).max(axis=1) * found.maneuver_time * max(posed.upper, -posed.lower)
     assert np.abs(residual / size).max() < 1e-14  # rounding of the instants: 1e-16 T each, times b
     at = posed.rows(found.switches_to_go)

@@ -12,7 +12,7 @@ from independent import StateSpace, reachable_fraction
 
 from relaxations import sampling
 from relaxations.bounds import Bound, Status
-from relaxations.checking.claims import Outcome, check, claim
+from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
@@ -144,50 +144,3 @@ def test_an_output_rest_and_no_time_at_all_are_refused() -> None:
         posed(LinearPlant.from_transfer([1, 1], [1, 1, 1]), Fraction(1, 2), "0.1", tail=True)
     with pytest.raises(ManeuverError, match="more than 0"):
         posed(RIGID, 1, "0")
-
-
-# The certificate: its new terms, and what becomes of them when they are changed.
-
-
-@pytest.fixture(scope="module")
-def certificate() -> bytes:
-    found = minimum_time(posed(TWO_MASS, 5, "1/4")).certificate
-    assert found is not None
-    return found
-
-
-def test_the_claim_says_what_commands_it_is_about(certificate: bytes) -> None:
-    said = claim(check(certificate))
-    assert "u is constant on each [k h, (k + 1) h), h = 0.25 s, and T is a whole number of h." in said
-    assert "no command within the limits that is constant over each sample does this in less than 9" in said
-
-
-@pytest.mark.parametrize(
-    ("where", "value", "outcome"),
-    [
-        (("task", "limits", "sample_time"), None, Outcome.REFUTED),  # of all commands some are faster than 9 s
-        (("task", "limits", "sample_time"), "0.05", Outcome.REFUTED),  # so are some on a finer grid
-        (("task", "limits", "sample_time"), "0.2", Outcome.MALFORMED),  # on which the command is not
-        (("task", "limits", "sample_time"), "0", Outcome.MALFORMED),
-        (("task", "limits", "sample_time"), "-0.25", Outcome.MALFORMED),
-        (("task", "rest"), "output", Outcome.MALFORMED),
-        (("claim", "lower"), "9.25", Outcome.REFUTED),
-        (("claim", "lower"), "9.01", Outcome.REFUTED),  # a sample more would be refuted too
-        (("claim", "lower"), "8.99", Outcome.PROVED),  # weaker
-        (("claim", "upper"), "8.99", Outcome.REFUTED),
-        (("claim", "upper"), "9.1", Outcome.PROVED),
-        (("upper", "maneuver_time"), "9.01", Outcome.MALFORMED),
-        (("upper", "segments", 1, "start"), "0.26", Outcome.MALFORMED),
-        (("upper", "free", 0), ["time", 0, 0], Outcome.MALFORMED),
-        (("upper", "free", 0), ["start", 1, 0], Outcome.MALFORMED),
-    ],
-)
-def test_a_changed_certificate_proves_nothing_false(
-    certificate: bytes, where: tuple[str | int, ...], value: object, outcome: Outcome
-) -> None:
-    data = json.loads(certificate)
-    place = data
-    for step in where[:-1]:
-        place = place[step]
-    place[where[-1]] = value
-    assert check(forged(data)).outcome is outcome

@@ -56,7 +56,7 @@ def test_samples_are_shaped_as_the_definition_says():
 
 def test_a_shaper_on_the_sample_grid_leaves_nothing_of_a_held_stream():
     step = 0.02
-    stream = Stream(sampled([(MODE, 1)], step), step)
+    stream = Stream(sampled([(MODE, 1)], step).shaper, step)
     levels = stream(np.ones(200))
     # The held levels are jumps at samples: their phasors at the end.
     jumps = np.diff(np.concatenate([[0.0], levels]))

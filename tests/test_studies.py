@@ -38,7 +38,8 @@ def test_the_shipped_study_is_read_as_written() -> None:
     assert (study.plant.input, study.plant.input_unit, study.plant.output, study.plant.output_unit) == ("force", "N", "position_2", "m")
     assert study.maneuver.displacement == Decimal(5)
     assert (study.limits.lower, study.limits.upper) == (Decimal(-1), Decimal(1))
-    assert (study.command.kind, study.command.robustness) == ("time-optimal", 1)
+    assert (study.command.kind, study.command.robustness) == ("time-optimal", "box")
+    assert (study.command.tolerance, study.command.final_tolerance) == (Decimal("0.0499"), Decimal("1e-6"))
     (axis,) = study.uncertainties
     assert (axis.parameter, axis.unit, axis.samples) == ("stiffness", "N/m", 11)
     assert study.keep_logs == "all"
@@ -53,7 +54,7 @@ def test_the_shipped_study_is_read_as_written() -> None:
 def test_the_pair_differs_in_one_line() -> None:
     passing, failing = ((STUDIES / name).read_text().splitlines() for name in ("two_mass.toml", "two_mass_fail.toml"))
     differing = [pair for pair in zip(passing, failing, strict=True) if pair[0] != pair[1]]
-    assert differing == [("robustness = 1", "robustness = 0")]
+    assert differing == [('robustness = "box"', "robustness = 0")]
     assert load_study(STUDIES / "two_mass_fail.toml").command.robustness == 0
 
 

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forgery import forged
 from study_texts import mistakes, read
 
 from relaxations.bounds import Bound, Status
-from relaxations.checking.claims import Outcome, check, claim
+from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, problem
@@ -146,50 +145,3 @@ def test_a_command_file_is_held_to_the_pulses(segments: list[tuple[float, float]
         assert read(tmp_path, text).command.given == command
     else:
         assert words in mistakes(tmp_path, text)["command.file"]
-
-
-@pytest.fixture(scope="module")
-def certificate() -> bytes:
-    found = minimum_time(posed(RIGID, "1.1")).certificate
-    assert found is not None
-    return found
-
-
-def test_the_claim_says_what_is_meant(certificate: bytes) -> None:
-    said = claim(check(certificate))
-    assert "u is -1, 1 or 0, in pulses" in said
-    assert "of at least 1.1 s. The lower side is that of all inputs in the limits." in said
-
-
-@pytest.mark.parametrize(
-    ("member", "value", "outcome"),
-    [
-        ("pulse_width", "1", Outcome.PROVED),
-        ("pulse_width", None, Outcome.PROVED),
-        ("pulse_width", "1.11", Outcome.REFUTED),
-        ("pulse_width", "0", Outcome.MALFORMED),
-        ("pulse_width", "-1", Outcome.MALFORMED),
-        ("pulses", 3, Outcome.PROVED),
-        ("pulses", 2, Outcome.REFUTED),
-        ("pulses", 0, Outcome.MALFORMED),
-        ("pulses", "3", Outcome.MALFORMED),
-        ("sample_time", "0.1", Outcome.MALFORMED),
-        ("input", ["-1", "2"], Outcome.REFUTED),  # the lower side first; then 1 is no full thrust
-    ],
-)
-def test_other_pulses_are_another_task(certificate: bytes, member: str, value: object, outcome: Outcome) -> None:
-    data = json.loads(certificate)
-    data["task"]["limits"][member] = value
-    assert check(forged(data)).outcome is outcome
-
-
-def test_partial_thrust_is_no_pulse(certificate: bytes) -> None:
-    data = json.loads(certificate)
-    data["upper"]["segments"][0]["level"] = "-0.5"
-    assert check(forged(data)).outcome is not Outcome.PROVED
-    data = json.loads(certificate)
-    data["upper"]["free"][0] = ["level", 0, 0]
-    assert check(forged(data)).outcome is not Outcome.PROVED
-    data = json.loads(certificate)
-    data["claim"]["lower"], data["task"]["limits"]["input"] = None, ["-1", "2"]
-    assert check(forged(data)).outcome is Outcome.MALFORMED, "1 is no full thrust then"

@@ -34,13 +34,13 @@ def test_the_shipped_study_passes(verified: Path) -> None:
     residual = found["requirements"][0]
     assert (residual["id"], residual["worst_run"]) == ("SLEW-001", "0001")
     assert run_table(verified)["0001"]["parameters"] == {"stiffness": 0.7}
-    assert 0.04 < residual["value"] < 0.05
+    assert 0.0498 < residual["value"] < 0.0499 + 1e-6, "the fastest command uses what its tolerance, 0.0499, allows"
     assert residual["margin"] == pytest.approx(0.05 - residual["value"], abs=1e-15)
 
 
 def test_its_twin_differs_in_the_robustness_alone() -> None:
     lines = [(SHIPPED / name).read_text().splitlines() for name in ("two_mass.toml", "two_mass_fail.toml")]
-    assert [pair for pair in zip(*lines, strict=True) if pair[0] != pair[1]] == [("robustness = 1", "robustness = 0")]
+    assert [pair for pair in zip(*lines, strict=True) if pair[0] != pair[1]] == [('robustness = "box"', "robustness = 0")]
 
 
 def test_its_twin_fails_and_says_what_by_how_much_and_where(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 
 import flint
@@ -54,3 +55,16 @@ def test_few_cells_tell_less_but_nothing_wrong_and_the_precision_is_put_back(mon
     assert rough.lower <= close.lower <= close.upper <= rough.upper
     assert rough.upper > close.upper * (1 + 1e-3)
     assert flint.ctx.prec == before
+
+
+def test_a_band_that_is_wide_is_enclosed_for_pulses_too():
+    """Powers of the frequency over a wide ball must not reach 0."""
+    times, jumps = [Fraction(x) for x in (0, 1, 2, 3)], [Fraction(x) for x in (1, -1, 1, -1)]
+    for order in (1, 2, 3):
+        found = worst_residual(times, jumps, (Fraction(1, 5), Fraction(9, 5)), (Fraction(1, 20), Fraction(1, 20)), order=order)
+        at = np.linspace(0.2, 1.8, 4001)
+        direction = complex(0.05, math.sqrt(1 - 0.05**2))
+        sampled = np.abs(np.exp(direction * np.multiply.outer(at, np.arange(4) - 3)) @ [1, -1, 1, -1]) / at**order
+        assert found.upper >= sampled.max() * (1 - 1e-12)
+        assert found.lower <= sampled.max() * (1 + 1e-5)
+        assert found.upper == pytest.approx(found.lower, rel=1e-5)

@@ -196,6 +196,11 @@ class System:
     begin: tuple[acb, ...]  # moments of an initial state, in the order of the roots
 
     @property
+    def sloped(self) -> bool:
+        """Whether the input is continuous, straight between instants: limits of its slope, without a sample time."""
+        return self.task.limits.rate is not None and self.task.limits.sample_time is None
+
+    @property
     def capped(self) -> list[tuple[range, arb]]:
         """The places of a tail's coefficients (real and imaginary part) whose modulus is limited, and the limit."""
         ends = zip(self.zeros, accumulate(zero.size for zero in self.zeros), self.caps, strict=True)

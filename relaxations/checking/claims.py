@@ -12,7 +12,7 @@ from typing import Any
 import flint
 from flint import fmpq
 
-from relaxations.checking import courses, lower, members, ramps, upper
+from relaxations.checking import courses, lower, members, ramps, upper, varying
 from relaxations.checking.balls import system, work
 from relaxations.checking.reading import Malformed, Refuted, Undecided, read
 
@@ -67,6 +67,11 @@ def check(content: bytes) -> Check:
         for bits in BITS:
             flint.ctx.prec, flint.ctx.cap = bits, TERMS
             try:
+                varying.sensible(certificate.task)
+                if certificate.task.schedule is not None:
+                    varying.prove(certificate)
+                    outcome, reason = Outcome.PROVED, ""
+                    break
                 members.sensible(certificate.task)
                 courses.sensible(certificate.task)
                 ramps.sensible(certificate.task, certificate.lower)
@@ -106,7 +111,7 @@ def claim(found: Check) -> str:
     if found.certificate is None:
         return ""
     task, sides = found.certificate.written["task"], found.certificate.claim
-    lines = ["Plant (highest power of s first):"]
+    lines = ["Plant (highest power of s first):"] if task["plants"] else varying.described(task)
     for plant in task["plants"]:
         lines += [f"  {name:<12} [{', '.join(plant[name])}]" for name in ("numerator", "denominator")]
         if plant["zeros"]:
@@ -127,7 +132,9 @@ def claim(found: Check) -> str:
     for name, limit in task["limits"]["deflection"].items():
         above = ", ".join(task["plants"][0]["outputs"][name])
         lines.append(f"  The output {name!r}, numerator [{above}], never leaves its first rest value by more than {limit}.")
-    if rate := task["limits"]["rate"]:
+    if (rate := task["limits"]["rate"]) and task["limits"]["sample_time"]:
+        lines.append(f"  From sample to sample, and from and to the rests, u changes by h times a slope in [{rate[0]}, {rate[1]}].")
+    elif rate:
         lines.append(f"  u is continuous from its first rest to its last, and its slope stays in [{rate[0]}, {rate[1]}].")
     lines += members.promises(task)
     if (width := task["limits"]["pulse_width"]) is not None or task["limits"]["pulses"] is not None:

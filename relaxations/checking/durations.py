@@ -1,12 +1,18 @@
-"""No positive shaper is as short: a function of the multipliers is proven positive in balls, on all instants that such a shaper could use.
+"""No shaper is as short: a function of the multipliers is proven positive in balls, on all instants that such a shaper could use.
 
 Let positive impulses within [0, T], of sum 1, satisfy `|Σ A_k z_i(t_k)| ≤ V_i` with `z_i(t) = (ω_i(t - T))^j e^{κ_i ω_i (t - T)}`. For any
 complex weights y then
 
     Σ A_k p(t_k) = Re Σ_i y_i* Σ_k A_k z_i(t_k) ≤ Σ |y_i| V_i,     p(t) = Re Σ_i y_i* z_i(t)
 
-so `p > Σ |y_i| V_i` on [0, T] contradicts it. A shorter shaper leaves no more when the vibration is measured at T instead of at its own
-end, for it decays, and conditions with V = 0 (all derivatives below included) hold at every instant alike: one T refutes all shorter ones.
+so `p > Σ |y_i| V_i` on [0, T] contradicts it. Where negative impulses are allowed that sum to at most N in size, the positive ones sum to
+1 more than they, and with p < M on [0, T]
+
+    Σ A_k p(t_k) ≥ min p - N (M - min p)
+
+so `p > (Σ |y_i| V_i + N M)/(1 + N)` contradicts it. Any measure in place of impulses, pulses too, is refuted alike. A shorter shaper leaves
+no more when the vibration is measured at T instead of at its own end, for it decays, and conditions with V = 0 (all derivatives below
+included) hold at every instant alike: one T refutes all shorter ones.
 """
 
 from __future__ import annotations
@@ -35,11 +41,23 @@ class Condition:
     weight: tuple[Fraction, Fraction]
 
 
-def none_as_short(duration: Fraction, conditions: Sequence[Condition]) -> bool:
-    """Whether it is proven that no positive shaper of at most `duration` [s] meets the conditions; False: not proven."""
+def none_as_short(
+    duration: Fraction, conditions: Sequence[Condition], negative: Fraction = Fraction(0), highest: Fraction = Fraction(0)
+) -> bool:
+    """Whether it is proven that no shaper of at most `duration` [s] meets the conditions; False: not proven.
+
+    Positive shapers, or those whose `negative` amplitudes sum to at most so much in size; p is then below `highest`, which is proven too.
+    """
     before, flint.ctx.prec = flint.ctx.prec, BITS
     try:
-        return _sound(conditions) and _positive(_arb(duration), conditions)
+        if not (_sound(conditions) and negative >= 0):
+            return False
+        if negative == 0:
+            return _positive(_arb(duration), _Function(conditions))
+        above = _arb(highest)
+        function, mirrored = _Function(conditions), _Function(conditions, sign=-1, offset=-above)
+        function.offset = (function.offset + _arb(negative) * above) / (1 + _arb(negative))
+        return _positive(_arb(duration), mirrored) and _positive(_arb(duration), function)
     finally:
         flint.ctx.prec = before
 
@@ -61,15 +79,16 @@ def _arb(number: Fraction) -> arb:
 
 
 class _Function:
-    """p - Σ |y_i| V_i of s = t - T, with its first three derivatives."""
+    """±p - offset of s = t - T, with its first three derivatives; the offset is Σ |y_i| V_i unless another is given."""
 
-    def __init__(self, conditions: Sequence[Condition]) -> None:
+    def __init__(self, conditions: Sequence[Condition], sign: int = 1, offset: arb | None = None) -> None:
         self.terms, self.offset = [], arb(0)
         for c in conditions:
             omega, zeta = _arb(c.frequency), _arb(c.damping)
             weight = acb(_arb(c.weight[0]), -_arb(c.weight[1]))
-            self.terms.append((omega, acb(zeta, (1 - zeta * zeta).sqrt()), c.power, weight))
+            self.terms.append((omega, acb(zeta, (1 - zeta * zeta).sqrt()), c.power, sign * weight))
             self.offset += abs(weight) * _arb(c.tolerance)
+        self.offset = self.offset if offset is None else offset
 
     def __call__(self, s: arb, orders: Sequence[int]) -> list[arb]:
         values = [arb(0) for _ in orders]
@@ -84,8 +103,8 @@ class _Function:
         return values
 
 
-def _positive(duration: arb, conditions: Sequence[Condition]) -> bool:
-    function, count = _Function(conditions), 0
+def _positive(duration: arb, function: _Function) -> bool:
+    count = 0
     waiting: list[tuple[float, int, arb, arb]] = [(0.0, 0, -duration.upper(), arb(0))]
     while waiting:
         _, _, low, high = heapq.heappop(waiting)
@@ -109,3 +128,15 @@ def _least(value: arb, slope: arb, bend: arb, half: arb) -> arb:
     if lowest > 0 and abs(slope) < lowest * half:
         return value - slope * slope / (2 * lowest)
     return value - abs(slope) * half + lowest * half * half / 2 if not lowest > 0 else value - abs(slope) * half
+
+
+def none_on_samples(interval: Fraction, count: int, conditions: Sequence[Condition]) -> bool:
+    """Whether it is proven that no positive impulses at multiples of `interval` [s], from 0 to `count` of them, meet the conditions."""
+    before, flint.ctx.prec = flint.ctx.prec, BITS
+    try:
+        if not (_sound(conditions) and interval > 0):
+            return False
+        function = _Function(conditions)
+        return all(function(_arb((k - count) * interval), (0,))[0] > 0 for k in range(count + 1))
+    finally:
+        flint.ctx.prec = before

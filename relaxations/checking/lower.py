@@ -16,6 +16,7 @@ may make a task impossible too: where the pole is 0, and there is no tail, m = �
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import accumulate
 from typing import Any
 
@@ -68,8 +69,8 @@ def costate(system: System, witness: Any) -> tuple[arb_mat, arb]:
     return moved, price + sum((cap * abs(acb(*(excess[place, 0] for place in places))) for places, cap in capped), arb(0))
 
 
-def support(p: Wave, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
-    """A ball around `∫_0^horizon max(upper p, lower p) ds` for an exact horizon and lower ≤ 0 ≤ upper.
+def support(p: Any, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
+    """A ball around `∫_0^horizon max(upper p, lower p) ds` for an exact horizon and lower ≤ 0 ≤ upper; p is a `Wave`, or a series.
 
     From the left, intervals are bisected until p has a sign, or is monotone: interval Newton then encloses its root. Where the integrand
     is smaller than `fine` it counts as a radius instead. Raises `Undecided` where p is not known that well.
@@ -114,77 +115,68 @@ def parts(system: System, p: Wave, fuel: fmpq) -> list[Part]:
     return [(p, lower, upper)] if fuel == 0 else [(p.raised(-arb(fuel)), arb(0), upper), (p.raised(arb(fuel)), lower, arb(0))]
 
 
-def sampled(p: Wave, count: int, step: fmpq, lower: arb, upper: arb) -> arb:
-    """A ball around `Σ_k max(upper ∫_cell p, lower ∫_cell p)` over cells of `step`: the most that inputs can do, constant on each."""
-    total = before = arb(0)
-    for k in range(1, count + 1):
-        after = p.integral(arb(k * step))
-        total += (upper * (after - before)).max(lower * (after - before))
-        before = after
-    return total
+def sampled(roots: tuple[Root, ...], whole: Sequence[courses.Piece], count: int, step: fmpq) -> list[arb]:
+    """The integrals of p over cells of `step`."""
+    found, before, done = [], arb(0), arb(0)
+    for begin, length, chains in whole:
+        course = courses.integrated(roots, chains)
+        while len(found) < count and (len(found) + 1) * step <= begin + length:
+            after = done + courses.value(roots, course, arb((len(found) + 1) * step - begin))
+            found.append(after - before)
+            before = after
+        done += courses.value(roots, course, arb(length))
+    return found
 
 
 def prove(system: System, witness: Any, time: fmpq) -> None:
     """Prove that no admissible command takes less than `time` seconds; raises `Refuted` or `Undecided`.
 
-    With a sample time the commands that are refuted take one sample less, or even fewer.
+    With a sample time the commands that are refuted take one sample less, or even fewer. Of many short samples it is enough that no
+    measurable input can do it in their time.
     """
     require(bool(system.zeros) or not witness.tail, "multipliers of a tail that the task does not have")
     numbers, price = costate(system, witness)
-    roots, others, relief = boxes.relaxed(system, witness.samples)
+    others, more, relief = boxes.relaxed(system, witness.samples)
     price += arb(witness.fuel * (system.task.limits.fuel or 0))
     price += sum((arb(abs(press.weight) * system.task.limits.deflection[press.output]) for press in witness.deflection), arb(0))
-    step = system.task.limits.sample_time
-    last = ((time / step).ceil() - 1) * step if step else time  # the longest moves that are refuted: who rests sooner is at rest then, too
-    aim = system.target - system.drift(arb(last))
-    gain = sum((a * b for a, b in zip(numbers.entries(), aim.entries(), strict=True)), relief - price)
-    if system.task.limits.rate is not None:
-        entries, end = numbers.entries(), arb(time).upper()
-        size = sum((abs(a * b) for a, b in zip(entries, aim.entries(), strict=True)), arb(0))
-        fine = (size / end * arb(2) ** (-flint.ctx.prec // 2)).lower()
-        right, first = ramps.most(
-            system,
-            entries,
-            witness,
-            end,
-            lambda wave, length, low, high: support(wave, length, low, high, fine),
-            lambda q: parts(system, q, witness.fuel),
-        )
-        if right < gain + first * arb(system.rest):
-            return
-        if right > gain + first * arb(system.rest):
-            raise Refuted("the lower bound's inequality (2) is false for this costate and these ramps at the time that is claimed")
-        raise Undecided("the lower bound's inequality (2) is undecided at this precision")
-    if gain <= 0:
-        raise Refuted("the lower bound's inequality (2) is false for this costate, whatever the input")
-    if not gain > 0:
-        raise Undecided("the lower bound's inequality (2) is undecided at this precision")
-    p, end = Wave.of((*system.roots, *roots), [*numbers.entries(), *others]), arb(time)
-    fine = (gain / end * arb(2) ** (-flint.ctx.prec // 2)).lower()
-    terms = parts(system, p, witness.fuel)
-    if step:
-        count = int(last / step)
-        # Many short samples can do no more than a measurable input can in their time.
-        short = count <= MOST_CELLS
-        each = (
-            sampled(q, count, step, low, high) if short else support(q, arb(count * step).upper(), low, high, fine)
-            for q, low, high in terms
-        )
-        least = sum(each, arb(0))
-        if least < gain:
-            return
-        if least > gain and count <= MOST_CELLS:
-            raise Refuted("the lower bound's inequality (2) is false for this costate at the time that is claimed")
-        raise Undecided("the lower bound's inequality (2) is undecided at this precision")
+    step, entries, own = system.task.limits.sample_time, [*numbers.entries(), *more], (*system.roots, *others)
+    count = int((time / step).ceil()) - 1 if step else 0
+    roots = courses.common(own, 2) if step or witness.deflection or witness.ramps or not own else own
+    nothing = [[acb(0)] * root.multiplicity for root in roots]
+    if step and count > MOST_CELLS and (witness.deflection or witness.steps):
+        raise Undecided("more samples than a check may look at with multipliers of outputs or of steps")
 
-    def most(horizon: arb) -> arb:
-        """The right side of (2) but for the prices of limits: over the pieces of p, if multipliers of outputs make pieces of it."""
-        waves = courses.pressed(system, numbers.entries(), witness.deflection, horizon) if witness.deflection else [(horizon, p)]
-        each = ((length, *part) for length, wave in waves for part in parts(system, wave, witness.fuel))
-        return sum((support(q, length, low, high, fine) for length, q, low, high in each), arb(0))
+    def sides(horizon: Any) -> tuple[arb, arb]:
+        """Both sides of (2) for moves of exactly so many seconds, but for what they share."""
+        aim = system.target - system.drift(arb(horizon))
+        terms = [a * b for a, b in zip(numbers.entries(), aim.entries(), strict=True)]
+        gain = sum(terms, relief - price) + courses.begun(system, roots, witness.deflection, horizon)
+        size = sum((abs(term) for term in terms), abs(relief) + price)
+        kicks = [*courses.pressed(system, roots, witness.deflection, horizon), *ramps.edges(witness.ramps, nothing, horizon)]
+        kicks.sort(key=lambda kick: kick[0])
+        whole = list(courses.pieces(roots, courses.given(own, roots, entries), kicks, horizon))
+        if step and count <= MOST_CELLS:
+            right, first = ramps.stepped(system, sampled(roots, whole, count, step), witness)
+        else:
+            fine = (size / arb(time) * arb(2) ** (-flint.ctx.prec // 2)).lower()
+            right, first = ramps.most(
+                system.task,
+                roots,
+                whole,
+                witness.ramps,
+                lambda wave, length, low, high: support(wave, length, low, high, fine),
+                lambda wave: parts(system, wave, witness.fuel),
+            )
+        return right, gain + first * arb(system.rest)
 
-    if most(end.upper()) < gain:
+    last = count * step if step else time  # the longest moves that are refuted: who rests sooner is at rest then, too
+    horizon = last if step and count <= MOST_CELLS else arb(last).upper()
+    right, left = sides(horizon)
+    if right < left:
         return
-    if most(end.lower()) > gain:
+    shorter = horizon if step else arb(last).lower()
+    right, left = (right, left) if horizon == shorter else sides(shorter)
+    empty = left <= 0 and not (witness.ramps or witness.steps)  # the right side is not negative then
+    if (right > left or empty) and count <= MOST_CELLS:
         raise Refuted("the lower bound's inequality (2) is false for this costate at the time that is claimed")
     raise Undecided("the lower bound's inequality (2) is undecided at this precision")

@@ -6,7 +6,8 @@ The witness gives ramps, disjoint intervals of s on which p - q' is constant in 
     ∫ p u ≤ ∫_rest σ(p) + Σ lengths σ(levels) + ∫ rate(q) - q(0) u_ss,     rate(q) = max(upper slope q, lower slope q)
 
 whatever the ramps are. The levels of a ramp are shifted by one constant so that q ends at 0; but a ramp from s = 0 on ends there with q(0)
-as it comes, and where the move begins within a ramp nothing is asked of q (docs/theory.md, section 3).
+as it comes, and where the move begins within a ramp nothing is asked of q (docs/theory.md, section 3). An input that is constant over
+samples changes by at most h times the limits from one to the next: q is then a number for each step, q' its differences.
 """
 
 from __future__ import annotations
@@ -18,91 +19,94 @@ from typing import Any
 from flint import acb, arb, arb_mat, fmpq
 
 from relaxations.checking.balls import Root, System, Wave, flat
-from relaxations.checking.courses import Chains, advanced, common, given
+from relaxations.checking.courses import Chains, Kick, Piece, integrated, value, wave
 from relaxations.checking.reading import Refuted, Undecided, require
 
 Number = fmpq | arb
-
-
-def integrated(roots: Sequence[Root], chains: Chains) -> Chains:
-    """The integral from 0 of a sum without the highest power at the origin: `S_k = (b_k - S_{k-1}) / p`, at the origin b_{k+1}."""
-    found, constant = [], acb(0)
-    for root, chain in zip(roots, chains, strict=True):
-        if root.value.is_zero():
-            found.append([acb(0), *chain[:-1]])
-            continue
-        carried, out = acb(0), []
-        for c in reversed(chain):
-            carried = (c - carried) / root.value
-            out.append(carried)
-        constant -= carried
-        found.append(out[::-1])
-    found[0][0] += acb(constant.real)
-    return found
-
-
-def wave(roots: tuple[Root, ...], chains: Chains) -> Wave:
-    """The sum of chains, the first root being the one at the origin."""
-    pairs = ((root, c) for root, chain in zip(roots, chains, strict=True) for c in chain)
-    return Wave.of(roots, [part for root, c in pairs for part in (c.real, c.imag)[: 1 + root.flexible]])
-
-
 Support = Callable[[Wave, arb, arb, arb], arb]  # of a wave over a length, with lower and upper weight
 Part = tuple[Wave, arb, arb]
 
 
+def edges(ramps: Sequence[Any], nothing: Chains, horizon: arb) -> list[Kick]:
+    """Where ramps begin and end, at exact instants near those written: kicks of nothing, so that pieces end there."""
+    found = [arb(edge).mid() for ramp in ramps for edge in ramp.edges]
+    return [(edge, nothing) for edge in found if edge < horizon]
+
+
 def most(
-    system: System, numbers: Sequence[arb], witness: Any, horizon: arb, support: Support, parts: Callable[[Wave], list[Part]]
+    task: Any, roots: tuple[Root, ...], whole: Sequence[Piece], ramps: Sequence[Any], support: Support, parts: Callable[[Wave], list[Part]]
 ) -> tuple[arb, arb]:
-    """The right side of the inequality up to an exact horizon, but for its last term; and q(0)."""
-    roots = common(system, 2)
-    whole, at, total, first = given(system, roots, numbers), arb(0), arb(0), arb(0)
-    low, high = (arb(side) for side in system.task.limits.rate)
+    """The right side of the inequality up to an exact horizon, but for its last term, by the pieces of p; and q(0)."""
+    total, first, at = arb(0), arb(0), 0
+    for ramp in (*ramps, None):
+        begin, end = (arb("inf"), arb("inf")) if ramp is None else (arb(ramp.edges[0]).mid(), arb(ramp.edges[-1]).mid())
+        while at < len(whole) and whole[at][0] < begin:
+            _, length, chains = whole[at]
+            total, at = total + sum((support(q, exact(length), a, b) for q, a, b in parts(wave(roots, chains))), arb(0)), at + 1
+        after = at
+        while after < len(whole) and whole[after][0] < end:
+            after += 1
+        if ramp is not None and after > at:
+            cost, q = ramped(task, roots, whole[at:after], ramp, open_end=after == len(whole), support=support, parts=parts)
+            total, first = total + cost, q if begin == 0 else first
+        at = after
+    return total, first
 
-    def local(begin: arb) -> Chains:
-        return [advanced(root, chain, begin) for root, chain in zip(roots, whole, strict=True)]
 
-    def level(value: arb) -> arb:
-        constant = wave(roots, [[acb(0)] * root.multiplicity for root in roots]).raised(value)
-        return sum((weight(q) for q in parts(constant)), arb(0))
+def ramped(
+    task: Any,
+    roots: tuple[Root, ...],
+    own: Sequence[Piece],
+    ramp: Any,
+    open_end: bool,
+    support: Support,
+    parts: Callable[[Wave], list[Part]],
+) -> tuple[arb, arb]:
+    """What a ramp costs, over its own pieces of p, and q where it begins."""
+    constant = wave(roots, [[acb(0)] * root.multiplicity for root in roots])
+    levels, (low, high) = [level_at(ramp, begin) for begin, _, _ in own], (arb(side) for side in task.limits.rate)
+    gains = [
+        value(roots, integrated(roots, chains), length) - level * length for (_, length, chains), level in zip(own, levels, strict=True)
+    ]
+    starts = bool(own[0][0] == 0)
+    shift = arb(0) if starts or open_end else sum(gains, arb(0)) / sum((length for _, length, _ in own), arb(0))
+    total, q = arb(0), -sum(gains, arb(0)) if starts else arb(0)
+    first = q
+    for (_, length, chains), level, gained in zip(own, levels, gains, strict=True):
+        for part, a, b in parts(constant.raised(level + shift)):
+            held = part(arb(0))[0]
+            total += (b * held).max(a * held) * length
+        course = integrated(roots, chains)
+        course[0][0] += q
+        course[0][1] -= level + shift
+        total += support(wave(roots, course), exact(length), low, high)
+        q += gained - shift * length
+    return total, first
 
-    def weight(part: Part) -> arb:
-        value = part[0](arb(0))[0]  # of a constant
-        return (part[2] * value).max(part[1] * value)
 
-    def between(begin: arb, end: arb) -> arb:
-        length = end - begin
-        if not length.is_exact():
-            raise Undecided("the edges of ramps are no exact numbers at this precision")
-        return sum((support(q, length, a, b) for q, a, b in parts(wave(roots, local(begin)))), arb(0)) if length > 0 else arb(0)
+def level_at(ramp: Any, at: arb) -> arb:
+    """What p - q' is there, but for the shift."""
+    return arb(next(level for (_, b), level in zip(pairwise(ramp.edges), ramp.levels, strict=True) if at < arb(b).mid()))
 
-    for ramp in witness.ramps:
-        edges = [arb(edge).mid() for edge in ramp.edges]
-        if not edges[0] < horizon:
-            break
-        total += between(at, edges[0])
-        sums = [
-            (wave(roots, integrated(roots, local(a)))(b - a)[0] - arb(m) * (b - a))
-            for (a, b), m in zip(pairwise(edges), ramp.levels, strict=True)
-        ]
-        open_end = bool(edges[-1] >= horizon)
-        shift = arb(0) if edges[0] == 0 or open_end else sum(sums, arb(0)) / (edges[-1] - edges[0])
-        value = -sum(sums, arb(0)) if edges[0] == 0 else arb(0)
-        first = value if edges[0] == 0 else first
-        for (a, b), m, gained in zip(pairwise(edges), ramp.levels, sums, strict=True):
-            if not a < horizon:
-                break
-            length, constant = b.min(horizon) - a, arb(m) + shift
-            if not length.is_exact():
-                raise Undecided("the edges of ramps are no exact numbers at this precision")
-            total += level(constant) * length
-            chains = integrated(roots, local(a))
-            chains[0][0] += value
-            chains[0][1] -= constant
-            total += support(wave(roots, chains), length, low, high)
-            value += gained - shift * (b - a)
-        at = edges[-1].min(horizon)
-    return total + between(at, horizon), first
+
+def exact(length: Any) -> arb:
+    """The length of a piece, which must be an exact number; raises `Undecided`."""
+    if not arb(length).is_exact():
+        raise Undecided("instants of multipliers are no exact numbers at this precision")
+    return arb(length)
+
+
+def stepped(system: System, cells: Sequence[arb], witness: Any) -> tuple[arb, arb]:
+    """`Σ_k σ(∫_cell p - q_k + q_{k-1}) + h Σ_k rate(q_k)` for an input that is constant over cells of h, counted in time to go; and q_0."""
+    step, rate, lower, upper = system.task.limits.sample_time, system.task.limits.rate, system.lower, system.upper
+    fuel = arb(witness.fuel * step)
+    q = [arb(x) for x in witness.steps[: len(cells) + 1]]
+    q += [arb(0)] * (len(cells) + 1 - len(q))
+    total = arb(0)
+    for gained, before, after in zip(cells, q, q[1:], strict=False):
+        kept = gained - after + before
+        total += (upper * (kept - fuel)).max(lower * (kept + fuel)).max(arb(0)) if witness.fuel else (upper * kept).max(lower * kept)
+    return total + sum(((x * rate[1] * step).max(x * rate[0] * step) for x in q if rate), arb(0)), q[0]
 
 
 def moments(system: System, command: Sequence[Number], n: int) -> arb_mat:
@@ -125,13 +129,14 @@ def derivative(system: System, command: Sequence[Number], n: int, i: int) -> arb
 
 
 def prove(system: System, command: Sequence[Number], n: int) -> None:
-    """Prove that the command begins at 0 and that its slopes are within their limits; raises `Refuted` or `Undecided`."""
-    instants, levels = [*command[1 : n + 1], command[0]], [*command[n + 1 : 2 * n + 1], system.rest]
-    if levels[0] != 0:
+    """Prove that the command begins at 0 and that its slopes, or steps, are within their limits; raises `Refuted` or `Undecided`."""
+    instants, levels, step = [*command[1 : n + 1], command[0]], [*command[n + 1 : 2 * n + 1], system.rest], system.task.limits.sample_time
+    if not step and levels[0] != 0:
         raise Refuted("the input jumps at the beginning of the move")
     low, high = system.task.limits.rate
-    for (s, t), (a, b) in zip(pairwise(instants), pairwise(levels), strict=True):
-        slope = arb(b - a) / arb(t - s)
+    spans = [arb(t - s) for s, t in pairwise(instants)] if not step else [arb(step)] * (n + 1)
+    for span, (a, b) in zip(spans, pairwise(levels if not step else [fmpq(0), *levels]), strict=True):
+        slope = arb(b - a) / span
         if slope > high or slope < low:
             raise Refuted("the slope of the input leaves its limits")
         if not low <= slope <= high:
@@ -150,13 +155,13 @@ def burnt(levels: Sequence[Number], instants: Sequence[Number]) -> arb:
 
 def sensible(task: Any, lower: Any) -> None:
     """Raise `Malformed` unless limits of the slope make sense, and ramps come with them, in order."""
-    rate, ramps = task.limits.rate, lower.ramps if lower else ()
-    require(rate is not None or not ramps, "ramps belong to limits of the slope")
+    rate, step, ramps, steps = task.limits.rate, task.limits.sample_time, lower.ramps if lower else (), lower.steps if lower else ()
+    require(not ramps or (rate is not None and step is None), "ramps belong to limits of the slope")
+    require(not steps or (rate is not None and step is not None), "multipliers of steps belong to limits of the slope with a sample time")
     if rate is None:
         return
-    fine = task.rest == "state" and task.box is None and task.limits.sample_time is None and task.initial_state is None
-    fine = fine and not (task.limits.deflection or task.limits.pulse_width or task.limits.pulses)
-    require(fine, "limits of the slope belong to a rest of the state, and to no other limits but fuel")
+    fine = task.rest == "state" and task.box is None and task.limits.pulse_width is None and task.limits.pulses is None
+    require(fine, "limits of the slope belong to a rest of the state, without a box, and not to pulses")
     require(rate[0] < 0 < rate[1], "limits of the slope have room on either side of 0")
     at = fmpq(0)
     for ramp in ramps:

@@ -123,8 +123,19 @@ PARAMETER = {"name": name, "nominal": (None, real), "low": real, "high": real}
 LISTED = {"place": [real, 1, 8], "numerator": POLYNOMIAL, "denominator": POLYNOMIAL}
 FORM = {"numerator": COEFFICIENTS, "denominator": COEFFICIENTS, "plants": [LISTED, 0, 1000]}
 BOX = {"parameters": [PARAMETER, 1, 8], **FORM, "tolerance": real, "final_tolerance": (None, real)}
+# A plant that varies instead: matrices at instants, the first 0, linear between them and constant after the last.
+MOST_STATES, MOST_INSTANTS = 50, 1000
+VECTORS: list[Any] = [[real, 1, MOST_STATES], 1, MOST_INSTANTS]
+SCHEDULE = {
+    "instants": [real, 1, MOST_INSTANTS],
+    "A": [[[real, 1, MOST_STATES], 1, MOST_STATES], 1, MOST_INSTANTS],
+    "B": VECTORS,
+    "C": VECTORS,
+    "D": [real, 1, MOST_INSTANTS],
+}
 TASK = {
-    "plants": [PLANT, 1, 1],
+    "plants": [PLANT, 0, 1],
+    "schedule": (None, SCHEDULE),
     "box": (None, BOX),
     "displacement": real,
     # where a plant that is not at rest begins: D(d/dt) ξ = u, y = N(d/dt) ξ, here ξ and its derivatives, the highest not among them
@@ -141,7 +152,16 @@ CONTACTS: list[Any] = [{"time": real, "upper": real, "lower": real}, 0, MOST_CON
 PRESSES: list[Any] = [{"output": name, "begin": real, "end": real, "weight": real}, 0, MOST_CONTACTS]
 RAMPS: list[Any] = [{"edges": [real, 2, 1000], "levels": [real, 1, 1000]}, 0, MOST_CONTACTS]
 SAMPLES: list[Any] = [{"place": [real, 1, 8], "residual": CONTACTS}, 0, 1000]
-LOWER = {"costate": [CHAINS, 1, 1], "tail": CONTACTS, "samples": SAMPLES, "fuel": real, "deflection": PRESSES, "ramps": RAMPS}
+STEPS: list[Any] = [real, 0, MOST_SEGMENTS]  # of the input's changes from sample to sample, the last change first
+LOWER = {
+    "costate": [CHAINS, 1, 1],
+    "tail": CONTACTS,
+    "samples": SAMPLES,
+    "fuel": real,
+    "deflection": PRESSES,
+    "ramps": RAMPS,
+    "steps": STEPS,
+}
 # A command near an exact solution: absolute levels from their starts on, then a tail. `free` names its unknowns, each within `radius` of
 # what is written: ["time", 0, 0], ["start" or "level", i, 0] of segment i, ["re" or "im", i, k] of coefficient k of the tail's chain i.
 SEGMENTS = [{"start": real, "level": real}, 0, MOST_SEGMENTS]
@@ -185,8 +205,10 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     )
     fine = length is None or (task.rest == "output" and length.time >= 0 and 0 < length.within <= 1)
     require(fine, "a tail length belongs to an output rest: a time from 0 on, a fraction from 0 to 1")
-    (plant, *_), start = task.plants, task.initial_state
-    fine = start is None or (task.rest == "state" and task.box is None and not plant.zeros and len(start) == len(plant.denominator) - 1)
+    start = task.initial_state
+    fine = start is None or any(
+        task.rest == "state" and task.box is None and not plant.zeros and len(start) == len(plant.denominator) - 1 for plant in task.plants
+    )
     require(fine, "an initial state has as many numbers as the plant has poles, and belongs to a state rest without further zeros")
     limits, plain = task.limits, task.rest == "state" and task.box is None and task.limits.sample_time is None
     fine = (limits.pulse_width is None and limits.pulses is None) or (plain and limits.pulse_width != 0 and limits.pulses != 0)

@@ -7,6 +7,7 @@ segments is a list: its duration, n starts, n levels (deviations from the initia
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import factorial
 from typing import Any
@@ -20,9 +21,9 @@ from relaxations.checking.reading import Refuted, Undecided, require
 Number = fmpq | arb  # exact as written, or the ball of an unknown
 
 
-def as_written(system: System, witness: Any) -> tuple[list[Number], list[int]]:
+def as_written(task: Any, zeros: Sequence[Root], witness: Any) -> tuple[list[Number], list[int]]:
     """The command, and the places of its unknowns."""
-    n, (tail, found) = len(witness.segments), placed(system.zeros, witness.tail)
+    n, (tail, found) = len(witness.segments), placed(zeros, witness.tail)
     places = {("time", 0, 0): 0} if n else {}
     places |= {("start", i, 0): 1 + i for i in range(1, n)} | {("level", i, 0): 1 + n + i for i in range(n)}
     for i, (begin, zero) in enumerate(found):
@@ -31,12 +32,12 @@ def as_written(system: System, witness: Any) -> tuple[list[Number], list[int]]:
     for name in witness.free:
         require(name in places, f"upper.free names no unknown: {[*name]!r:.80}")
     require(len(set(witness.free)) == len(witness.free), "upper.free names an unknown twice")
-    levels = [segment.level - system.task.initial_input for segment in witness.segments]
+    levels = [segment.level - task.initial_input for segment in witness.segments]
     command = [witness.maneuver_time, *(segment.start for segment in witness.segments), *levels, *tail]
-    if system.task.limits.rate is not None:
+    if task.limits.rate is not None and task.limits.sample_time is None:
         fine = all(kind == "level" and i > 0 for kind, i, _ in witness.free)
         require(fine, "with limits of the slope the unknowns are levels, the first one excepted")
-    if step := system.task.limits.sample_time:
+    if step := task.limits.sample_time:
         fixed = all((instant / step).q == 1 for instant in command[: n + 1]) and all(kind == "level" for kind, _, _ in witness.free)
         require(fixed, "with a sample time all instants are exact multiples of it, and none is an unknown")
     return command, [places[name] for name in witness.free]
@@ -46,7 +47,7 @@ def residual(system: System, n: int, command: list[Number]) -> arb_mat:
     """The moments of the command minus where they must be, tail included."""
     tail = command[2 * n + 1 :]
     total = system.drift(arb(command[0])) - system.target - system.columns * arb_mat(len(tail), 1, tail)
-    if system.task.limits.rate is not None:
+    if system.sloped:
         return total + ramps.moments(system, command, n)
     for start, (before, level) in zip(command[1 : n + 1], pairwise([fmpq(0), *command[n + 1 : 2 * n + 1]]), strict=True):
         if not arb(level - before).is_zero():
@@ -61,7 +62,7 @@ def derivative(system: System, n: int, command: list[Number], place: int) -> arb
     def begun(entries: Any, i: int) -> arb_mat:
         return flat(system.roots, entries, arb(command[0] - instants[i]))
 
-    if system.task.limits.rate is not None:
+    if system.sloped:
         return ramps.derivative(system, command, n, place - n - 1)
     if place == 0:
         return sum((begun(Root.impulse, i) * arb(levels[i + 1] - levels[i]) for i in range(n)), system.drift(arb(command[0]), True))
@@ -81,12 +82,15 @@ def exactly(system: System, n: int, command: list[Any]) -> None:
             raise Refuted("the command as written, without unknowns, does not bring the plant to rest")
 
 
-def solve(system: System, n: int, witness: Any) -> list[Number]:
-    """Krawczyk: `K = x - Y F(x) + (I - Y J(X)) (X - x)` inside X proves a solution in K; returns the command with its unknowns in K."""
-    (command, unknowns), size = as_written(system, witness), system.target.nrows()
-    if not unknowns and not system.begin and system.task.limits.rate is None and all(root.value.is_zero() for root in system.roots):
-        exactly(system, n, command)
-        return command
+def krawczyk(
+    command: list[Number],
+    unknowns: list[int],
+    size: int,
+    radius: fmpq,
+    residual: Callable[[list[Number]], arb_mat],
+    derivative: Callable[[list[Number], int], arb_mat],
+) -> list[Number]:
+    """`K = x - Y F(x) + (I - Y J(X)) (X - x)` inside X proves a solution in K; returns the command with its unknowns in K."""
     require(len(unknowns) == size, f"{size} equations need {size} unknowns, upper.free names {len(unknowns)}")
 
     def moved(changes: list[arb]) -> list[Number]:
@@ -94,17 +98,30 @@ def solve(system: System, n: int, witness: Any) -> list[Number]:
         return [number + by[place] if place in by else number for place, number in enumerate(command)]
 
     spend(size**3 / 8)
-    spread = arb(0, arb(witness.radius).upper())
+    spread = arb(0, arb(radius).upper())
     wide = moved([spread] * size)
-    slopes = arb_mat(size, size, [x for place in unknowns for x in derivative(system, n, wide, place).entries()]).transpose()
+    slopes = arb_mat(size, size, [x for place in unknowns for x in derivative(wide, place).entries()]).transpose()
     inverse = slopes.mid().inv().mid()
     spreads = arb_mat(size, 1, [spread] * size)
-    changes = ((arb_mat(size, size, 1) - inverse * slopes) * spreads - inverse * residual(system, n, command)).entries()
+    changes = ((arb_mat(size, size, 1) - inverse * slopes) * spreads - inverse * residual(command)).entries()
     if all(spread.contains_interior(change) for change in changes):
         return moved(changes)
     if any(not spread.overlaps(change) for change in changes):
         raise Refuted("no command within the radius of the one written brings the plant to rest")
     raise Undecided("Krawczyk's test does not contract at this precision")
+
+
+def solve(system: System, n: int, witness: Any) -> list[Number]:
+    """The command with its unknowns in balls that hold a solution."""
+    (command, unknowns), size = as_written(system.task, system.zeros, witness), system.target.nrows()
+    if not unknowns and not system.begin and not system.sloped and all(root.value.is_zero() for root in system.roots):
+        exactly(system, n, command)
+        return command
+    return krawczyk(
+        *(command, unknowns, size, witness.radius),
+        lambda command: residual(system, n, command),
+        lambda command, place: derivative(system, n, command, place),
+    )
 
 
 def at_most(a: Number, b: Number, what: str) -> None:
@@ -185,9 +202,8 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         instants = [*command[1 : n + 1], command[0]]
         levels = command[n + 1 : 2 * n + 1]
         burnt = (abs(arb(level)) * arb(b - a) for level, (a, b) in zip(levels, pairwise(instants), strict=True))
-        ramped = system.task.limits.rate is not None
         at_most(
-            ramps.burnt([*levels, system.rest], instants) if ramped else sum(burnt, arb(0)),
+            ramps.burnt([*levels, system.rest], instants) if system.sloped else sum(burnt, arb(0)),
             system.task.limits.fuel,
             "the move uses no more fuel than there is",
         )

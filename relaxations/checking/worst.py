@@ -78,7 +78,8 @@ class _Impulses:
         size = value.real * value.real + value.imag * value.imag
         slope, rise = 2 * (mirrored * by_omega).real, 2 * (mirrored * by_zeta).real
         if self.order:
-            scale = omega ** (2 * self.order)
+            # Powers of a wide ball may reach 0; those of its ends do not.
+            scale = (omega.lower() ** (2 * self.order)).union(omega.upper() ** (2 * self.order))
             return size / scale, (slope - 2 * self.order * size / omega) / scale, rise / scale
         return size, slope, rise
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from relaxations import programs
+from relaxations import posing, programs
 from relaxations.bounds import Status
 from relaxations.checking.claims import check
 from relaxations.maneuvers import Limits, Maneuver, problem
@@ -110,7 +110,7 @@ def test_program_on_a_large_grid(capsys: pytest.CaptureFixture[str]) -> None:
     cells = 100_000
     posed = problem([chain(6)], Maneuver(exact(3), Limits.of(-1, 1)))
     begun = time.perf_counter()
-    solution = programs.solve(programs.build(posed, np.linspace(0.0, 14.7, cells + 1)))
+    solution = programs.solve(posing.build(posed, np.linspace(0.0, 14.7, cells + 1)))
     taken = time.perf_counter() - begun
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     with capsys.disabled():

@@ -3,19 +3,22 @@
 A mode that is commanded to follow u deflects by |y - u|, y its response `ω²/(s² + 2ζωs + ω²) u`: by 1 under a unit step, by 1/2 under a ZV
 shaper's. On instants kh the amplitudes of the shortest sequence with a smaller limit are a linear program: zero vibration and derivatives,
 partial sums within bounds, the deflection within its limit just before and just after every instant. The least number of samples is found
-by bisection, for waiting costs nothing. What lies between the instants is computed on a finer grid and kept within the limit too.
+by bisection, for waiting costs nothing. That the limit holds between the instants too is proven (relaxations.checking.deflections).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from relaxations.checking.deflections import Deflection, largest_deflection
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
+from relaxations.plants import exact
 from relaxations.sensitivity import step_response
 from relaxations.shaper_modes import Mode
 from relaxations.shapers import Shaper
@@ -23,31 +26,23 @@ from relaxations.shapers import Shaper
 Reals = NDArray[np.float64]
 
 PER_HALF_PERIOD = 24  # samples of the fastest mode's half period, unless a sample time is given
-FINER = 16
 INSIDE = 2e-3  # of the limit: how much closer it is kept on the instants, for what lies between them
 FEASIBLE = 1e-9
 MOST_SAMPLES = 600
 ZERO = 1e-9  # an amplitude that is none
 
 
-def deflection(shaper: Shaper, mode: Mode, per_half_period: int = 400) -> float:
-    """The largest |y - u| of the mode under the shaped unit step, on a grid of so many instants in half a period and at every impulse."""
-    times, amplitudes = np.array(shaper.times), np.array(shaper.amplitudes)
-    sums, grid = np.cumsum(amplitudes), np.arange(0.0, shaper.duration, mode.half_period / per_half_period)
-    at = np.union1d(grid, times)
-    y = step_response(times, amplitudes, mode.frequency, mode.damping, at)
-    after = np.where(at >= times[0], sums[np.searchsorted(times, at, side="right") - 1], 0.0)
-    index = np.searchsorted(times, at, side="left") - 1
-    before = np.where(index < 0, 0.0, sums[np.maximum(index, 0)])
-    late = np.linspace(shaper.duration, shaper.duration + 2.0 * mode.half_period, 2 * per_half_period)
-    rest = np.abs(step_response(times, amplitudes, mode.frequency, mode.damping, late) - sums[-1])
-    return float(max(np.abs(y - after).max(), np.abs(y - before).max(), rest.max()))
+def deflection(shaper: Shaper, mode: Mode) -> Deflection:
+    """The largest |y - u| of the mode under the shaped unit step, enclosed over all instants."""
+    times, amplitudes, order = shaper.excitation
+    edges = [Fraction(t) for t in times], [Fraction(a) for a in amplitudes]
+    return largest_deflection(*edges, exact(repr(mode.frequency)), exact(repr(mode.damping)), order)
 
 
 def deflection_limited(
     modes: Sequence[Mode], limit: float, sums: tuple[float, float] = (0.0, 1.0), derivatives: int = 0, sample_time: float | None = None
 ) -> Shaper:
-    """The shaper of fewest samples whose step deflects no mode by more than `limit`, with zero vibration and `derivatives` of it.
+    """The shaper of fewest samples whose step deflects no mode by more than `limit`, *proven*, with zero vibration and `derivatives` of it.
 
     Raises `ShaperError` for a limit that is not positive, `ImpossibleShaperError` for samples that are too coarse, `SolverError`.
     """
@@ -126,7 +121,7 @@ def _amplitudes(
 
 
 def _within(amplitudes: Reals, modes: Sequence[Mode], limit: float, step: float) -> bool:
-    """Whether the limit holds between the instants too."""
+    """Whether the limit is proven to hold between the instants too."""
     kept = np.flatnonzero(np.abs(amplitudes) > ZERO)
     shaper = Shaper(tuple(float((k - kept[0]) * step) for k in kept), tuple(map(float, amplitudes[kept])))
-    return all(deflection(shaper, mode, int(FINER * mode.half_period / step)) <= limit for mode in modes)
+    return all(deflection(shaper, mode).upper <= limit for mode in modes)

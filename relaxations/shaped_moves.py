@@ -1,0 +1,139 @@
+"""A move and its shaper: one after the other, and designed together, which for moves shorter than the shaper saves most.
+
+The machine is a rigid body with modes, `1/s^r ∏ ω²/(s² + 2ζωs + ω²)`: its input an acceleration (r = 2) or a speed (r = 1), within limits.
+One after the other is the fastest move of the rigid body convolved with the shaper. Together is the fastest of all commands that bring the
+body to rest and leave as little of the modes as the shaper does: zeros are poles of the plant, with derivatives of higher multiplicity,
+and a mode's band with a tolerance is a box of plants (`relaxations.proofs.minimum_time` in all three).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from relaxations.bounded_shapers import plant_of
+from relaxations.bounds import Bound
+from relaxations.boxes import Axis, Box, Family, Polynomial
+from relaxations.checking.worst import worst_residual
+from relaxations.commands import Command
+from relaxations.errors import ManeuverError, ShaperError
+from relaxations.insensitive import Band
+from relaxations.maneuvers import Limits, Maneuver, problem
+from relaxations.plants import LinearPlant, exact, fraction
+from relaxations.proofs import minimum_time
+from relaxations.response import jumps
+from relaxations.shaper_modes import Mode
+from relaxations.shapers import Shaper, shape
+
+ROUNDING = 1e-9  # of the distance between the limits
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """By `displacement`, the input within `lower` and `upper`; `order` 2: the input is an acceleration, 1: a speed. SI units or any others.
+
+    Raises `ShaperError` naming what is wrong.
+    """
+
+    displacement: float
+    lower: float
+    upper: float
+    order: int = 2
+
+    def __post_init__(self) -> None:
+        wrong = []
+        if not (math.isfinite(self.displacement) and self.displacement != 0.0):
+            wrong.append(f"a move is finite and not 0, not {self.displacement!r}")
+        if not self.lower < self.upper:
+            wrong.append(f"limits ascend, not from {self.lower!r} to {self.upper!r}")
+        elif not self.lower <= 0.0 <= self.upper:
+            wrong.append(f"limits hold 0, the input at rest, not [{self.lower!r}, {self.upper!r}]")
+        if self.order not in (1, 2):
+            wrong.append(f"the order is 2 (the input is an acceleration) or 1 (a speed), not {self.order!r}")
+        if wrong:
+            raise ShaperError("; ".join(wrong))
+
+    def maneuver(self, robustness: int = 0, box: Box | None = None) -> Maneuver:
+        """As a task."""
+        limits = Limits.of(exact(repr(self.lower)), exact(repr(self.upper)))
+        return Maneuver(exact(repr(self.displacement)), limits, robustness=robustness, box=box)
+
+    def plant(self, modes: Sequence[Mode]) -> LinearPlant:
+        """The rigid body with modes."""
+        denominator = [Fraction(1)]
+        numerator = [Fraction(1)]
+        if modes:
+            flexible = plant_of(modes)
+            denominator = [fraction(c) for c in reversed(flexible.denominator.coeffs())]
+            numerator = [fraction(flexible.numerators[flexible.output].coeffs()[0])]
+        return LinearPlant.from_transfer(numerator, [*denominator, *[Fraction(0)] * self.order])
+
+
+def rigid(move: Move) -> Bound:
+    """The fastest move of the body without modes, with its proof."""
+    return _solved(move, [], 0, None)
+
+
+def in_turn(move: Move, command: Command, shaper: Shaper) -> Command | None:
+    """The rigid body's command, shaped; None if negative impulses take it beyond the limits."""
+    shaped = shape(command, shaper)
+    least, most = shaped.extent()
+    slack = ROUNDING * (move.upper - move.lower)
+    return shaped if move.lower - slack <= least and most <= move.upper + slack else None
+
+
+def with_zeros(move: Move, modes: Sequence[Mode], derivatives: int) -> Bound:
+    """The fastest move that leaves nothing of the modes, nor so many derivatives of it; with its proof."""
+    return _solved(move, modes, derivatives, None)
+
+
+def within_band(move: Move, band: Band) -> Bound:
+    """The fastest move after which the mode swings by at most the tolerance, a fraction of the move, over the whole band; with its proof.
+
+    Raises `ShaperError` for a band without the mode itself.
+    """
+    low, high = exact(repr(band.low)), exact(repr(band.high))
+    if not low <= 1 <= high:
+        raise ShaperError(f"the band {band.low:g} to {band.high:g} leaves out the mode itself, which the move is designed about")
+    box = Box((Axis("mode[1].frequency", Fraction(1), low, high),), _family(band.mode, move.order), exact(repr(band.tolerance)))
+    return _solved(move, [band.mode], 0, box)
+
+
+def _solved(move: Move, modes: Sequence[Mode], derivatives: int, box: Box | None) -> Bound:
+    try:
+        return minimum_time(problem([move.plant(modes)], move.maneuver(derivatives, box)))
+    except ManeuverError as refused:
+        raise ShaperError(f"move and shaper together: {refused}") from None
+
+
+def _family(mode: Mode, order: int) -> Family:
+    """The frequency times a parameter f: `f²ω² / s^r (s² + 2ζωf s + f²ω²)`."""
+    omega, zeta = exact(repr(mode.frequency)), exact(repr(mode.damping))
+    stiffness: Polynomial = ((omega**2, (2,)),)
+    drag: Polynomial = ((2 * zeta * omega, (1,)),) if zeta else ()
+    return Family((stiffness,), (((Fraction(1), (0,)),), drag, stiffness, *[()] * order))
+
+
+def left_over(move: Move, command: Command, bands: Sequence[Band], damping: tuple[float, float] | None) -> tuple[float, float]:
+    """The largest envelope at the end of the move of any mode's vibration, as a fraction of the move, lies between these: proven in balls.
+
+    Over every band of frequencies and the dampings (None: each mode's own), for a machine with that mode alone:
+    `|Σ J_i e^{κω(t_i - T)}| / (ω^r √(1 - ζ²) |Δ|)` with the command's jumps J_i (r is one more for those of its slope).
+    """
+    levels = [(Fraction(float(at)), Fraction(float(level))) for at, level, _ in jumps(command) if level]
+    slopes = [(Fraction(float(at)), Fraction(float(slope))) for at, _, slope in jumps(command) if slope]
+    if levels and slopes:
+        raise ShaperError("the command has jumps and slopes; what it leaves is enclosed of either alone")
+    times, sizes = zip(*(levels or slopes), strict=True)
+    order = move.order + (0 if levels else 1)
+    lower = upper = 0.0
+    for band in bands:
+        low, high = damping or (band.mode.damping, band.mode.damping)
+        frequencies = [Fraction(repr(factor)) * exact(repr(band.mode.frequency)) for factor in (band.low, band.high)]
+        dampings = Fraction(repr(low)), Fraction(repr(high))
+        found = worst_residual(times, sizes, (frequencies[0], frequencies[1]), dampings, order=order)
+        least, most = (Fraction(x) / abs(exact(repr(move.displacement))) for x in (found.lower, found.upper))
+        lower, upper = max(lower, float(least)), max(upper, float(most) / math.sqrt(1.0 - high**2))
+    return lower * (1.0 - 1e-15), upper * (1.0 + 1e-14)

@@ -1,0 +1,74 @@
+"""`slewcert shaper --move`: the same move rigid, shaped, and designed together with its shaper; times, what is left, and the command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from relaxations.bounds import Bound, Status
+from relaxations.commands import Command
+from relaxations.errors import ImpossibleShaperError, ShaperError
+from relaxations.shaped_moves import Move, in_turn, left_over, rigid, with_zeros, within_band
+from relaxations.shaper_kinds import Request, find
+from relaxations.shapers import Shaper
+from suite.bound_records import bound_record
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """What became of a move: `bound` and `command` of each design, and between which values the envelope of the vibration left lies.
+
+    `shaped` is None where negative impulses take the rigid body's command beyond the limits; `kept` is the fraction of the move by which it
+    swings at most over the band, where that is what `together` proves.
+    """
+
+    move: Move
+    rigid: Bound
+    shaped: Command | None
+    together: Bound
+    left: dict[str, tuple[float, float] | None]
+    kept: float | None = None
+
+    @property
+    def command(self) -> Command | None:
+        """The one designed together with the shaper."""
+        return self.together.command
+
+    def to_dict(self) -> dict[str, Any]:
+        """The member `move` of `shaper --json` (docs/schemas.md)."""
+        return {
+            "displacement": self.move.displacement,
+            "input": [self.move.lower, self.move.upper],
+            "order": self.move.order,
+            "rigid": {**bound_record(self.rigid, self.rigid.command, 0.0), "left": self.left["rigid"]},
+            "shaped": None
+            if self.shaped is None
+            else {"maneuver_time": self.shaped.maneuver_time, "command": self.shaped.to_dict(), "left": self.left["shaped"]},
+            "together": {**bound_record(self.together, self.together.command, 0.0), "left": self.left["together"], "kept": self.kept},
+        }
+
+
+def moved(kind: str, request: Request, shaper: Shaper, move: Move, damping: tuple[float, float] | None) -> Moved:
+    """The move in its three designs.
+
+    Raises `ShaperError` for kinds that are made by other demands than zeros or one band, `SolverError`, `ImpossibleShaperError`.
+    """
+    found, number = find(kind)
+    bands = [band for _, band in request.reaches()]
+    alone = rigid(move)
+    if alone.command is None:
+        kind_of = ImpossibleShaperError if alone.status is Status.IMPOSSIBLE else ShaperError
+        raise kind_of(f"no such move was found: {alone.reason or alone.status.value}")
+    kept = None
+    if found.zeros is not None:
+        together = with_zeros(move, *found.zeros(request, number))
+    elif kind == "si" and len(bands) == 1:
+        together, kept = within_band(move, bands[0]), bands[0].tolerance
+    elif kind == "si":
+        raise ShaperError('a move is designed together with one band; for several use a study: robustness = "box" in its [command]')
+    else:
+        raise ShaperError(f"{kind} is made by no demands that a move could be designed for")
+    shaped = in_turn(move, alone.command, shaper)
+    commands = {"rigid": alone.command, "shaped": shaped, "together": together.command}
+    left = {name: None if command is None else left_over(move, command, bands, damping) for name, command in commands.items()}
+    return Moved(move, alone, shaped, together, left, kept if together.status is Status.PROVED else None)

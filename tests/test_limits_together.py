@@ -1,0 +1,227 @@
+"""Several limits in one task: known answers, another program's answers to random ones, tighter ones, must and must not, lies."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import pairwise
+from math import sqrt
+from typing import Any
+
+import pytest
+from forgery import certificate, changed, command, costate, number, opened, task, written
+from problems import transfer, two_mass
+from random_limits import limiting
+
+from relaxations.bounds import Bound, Status
+from relaxations.checking.claims import Outcome, check, claim
+from relaxations.errors import ManeuverError
+from relaxations.initial import from_output
+from relaxations.maneuvers import Limits, Maneuver, problem
+from relaxations.plants import LinearPlant
+from relaxations.proofs import minimum_time
+
+SLOPED = 1e-4  # the gap where ramps meet limits of outputs: the grid knows where they begin and end to a cell
+INTEGRATOR, CART, SPRING = (transfer([1], [1, 0])(), transfer([1], [1, 0, 0])(), two_mass())
+PENDULUM = transfer([1], [1, 0, 1])()
+Numbers = tuple[float | str, ...]
+
+
+def bound(plant: LinearPlant, displacement: str, start: Numbers = (), step: str | None = None, **limits: Any) -> Bound:
+    begin = from_output(plant, [Fraction(x) for x in start]) if start else None
+    maneuver = Maneuver(
+        Fraction(displacement), Limits.of(-1, 1, **limits), sample_time=None if step is None else Fraction(step), initial=begin
+    )
+    return minimum_time(problem([plant], maneuver))
+
+
+def sides(found: Bound, gap: float = SLOPED) -> tuple[float, float]:
+    assert found.status is Status.PROVED, found.reason
+    assert found.certificate is not None
+    assert found.upper is not None
+    assert check(found.certificate).outcome is Outcome.PROVED
+    assert found.upper - found.lower <= gap * found.lower
+    return found.lower, found.upper
+
+
+def holds(time: float, found: Bound) -> bool:
+    lower, upper = sides(found)
+    return lower * (1 - 1e-14) <= time <= upper * (1 + 1e-14)
+
+
+RATE = ("-4", "4")
+
+
+@pytest.mark.slow
+def test_a_cart_of_limited_speed_acceleration_and_jerk() -> None:
+    # T = Δ/v + v/a + a/j
+    assert holds(1 / 0.5 + 0.5 + 0.25, bound(CART, "1", rate=RATE, deflection={"output_rate": "0.5"}))
+
+
+def test_an_emergency_stop() -> None:
+    # From the speed 1 to rest, |a| ≤ 1 and |jerk| ≤ 4: T = v/a + a/j; a quarter of that speed: a triangle, v = j (T/2)².
+    assert holds(1.25, bound(INTEGRATOR, "0", ("1",), rate=RATE))
+    assert holds(2 * sqrt(0.0625 / 4), bound(INTEGRATOR, "0", ("0.0625",), rate=RATE))
+    # It goes 1 unit far by itself (1/2 v²/a + v a/(2 j)) and takes 2 with a start at the limit of its speed: some of it is coasted.
+    assert holds(2 + 0.5 * 1, bound(CART, "2", ("0", "1"), deflection={"output_rate": "1"}))
+
+
+def test_a_swinging_load_must_not_swing_further() -> None:
+    # y(0) = 2 and no further: it is at its limit at first, and the fastest stop keeps to it; towards the limit it must be held.
+    free = bound(PENDULUM, "0", ("2", "0.5"))
+    assert free.upper is not None
+    same = bound(PENDULUM, "0", ("2", "0.5"), deflection={"output": "2.5"})
+    assert (same.lower, same.upper) == pytest.approx((free.lower, free.upper), rel=1e-12)
+    sides(bound(PENDULUM, "0", ("1.5", "0"), deflection={"output": "1.5"}), 1e-9)
+    tight = sides(bound(SPRING, "0.5", ("0", "0", "0.1", "0.1"), deflection={"spring": "0.2"}), 1e-3)
+    assert tight[0] > bound(SPRING, "0.5", ("0", "0", "0.1", "0.1")).upper  # type: ignore[operator]
+
+
+def test_samples_of_limited_steps_and_speed() -> None:
+    # 1/s, ∫u = 1, steps of at most 1/4 from one sample of 1/8 s to the next, the last one to 0: u = 1/4, 1/2, 3/4, 1, …, 1/2, 1/4.
+    # n samples do at most 1/8 (n - 3) for n ≥ 7.
+    found = bound(INTEGRATOR, "0.99", step="1/8", rate=("-2", "2"))
+    assert found.lower == found.upper == 11 / 8
+    fewer = bound(INTEGRATOR, "1.01", step="1/8", rate=("-2", "2"))
+    assert fewer.lower == fewer.upper == 12 / 8
+    # A cart at 7/100 s a sample: no command takes less than 2.5 s (test_deflection_limits), 36 samples are the first that do it.
+    found = bound(CART, "1", step="0.07", deflection={"output_rate": "0.5"})
+    assert found.upper == pytest.approx(2.52, rel=1e-15)
+    assert found.lower == pytest.approx(2.52, rel=1e-15)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_limits_of_sampled_commands_against_another_program(seed: int) -> None:
+    compared_with_samples(seed, ())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6, 150))
+def test_more_random_limits_of_sampled_commands_against_another_program(seed: int) -> None:
+    compared_with_samples(seed, ())
+
+
+def compared_with_samples(seed: int, must: tuple[str, ...]) -> None:
+    """HiGHS finds a command of so many samples, and none of one sample less; it looks at outputs eight times in each."""
+    case = limiting(seed, ("sample_time", *must))
+    lower, upper = sides(minimum_time(case.problem), 1e-14)
+    step, other = float(case.problem.maneuver.sample_time or 0), case.other(looks=8)
+    count = round(upper / step)
+    assert round(lower / step) == count
+    assert other.fraction(count * step, count) >= 1 - 1e-7
+    assert count == 1 or other.fraction((count - 1) * step, count - 1) < 1 + 1e-7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(40))
+def test_random_limits_against_another_program(seed: int) -> None:
+    case = limiting(1000 + seed)
+    if case.problem.maneuver.sample_time is not None:
+        compared_with_samples(1000 + seed, tuple(name for name in case.names if name != "sample_time"))
+        return
+    found = minimum_time(case.problem)
+    lower, upper = sides(found, 1e-3)
+    time = case.other(looks=2).time(0.9 * lower, 1.1 * upper, 100, 1e-4)
+    # A grid of 100 cells takes longer, and its outputs are limited twice in each only.
+    assert lower * (1 - 2e-3) <= time <= upper * (1 + 1e-2)
+
+
+def test_tighter_limits_take_no_less_time_together() -> None:
+    speeds = [sides(bound(CART, "1", step="1/20", rate=RATE, deflection={"output_rate": v}), 0.1) for v in ("0.9", "0.7", "0.5")]
+    rates = [sides(bound(CART, "1", step="1/20", rate=(f"-{r}", r), deflection={"output_rate": "0.7"}), 0.1) for r in ("20", "8", "4")]
+    fuels = [sides(bound(CART, "1", step="1/20", rate=RATE, fuel=u), 0.1) for u in ("1.9", "1.5", "1.2")]
+    for times in (speeds, rates, fuels):
+        assert all(later[0] >= earlier[1] * (1 - 1e-15) for earlier, later in pairwise(times))
+        assert times[0] != times[-1]
+
+
+def test_halved_sample_times_and_higher_rates_fall_towards_what_is_free_of_them() -> None:
+    free = bound(CART, "1", deflection={"output_rate": "0.5"})
+    halved = [sides(bound(CART, "1", step=f"1/{n}", rate=("-100", "100"), deflection={"output_rate": "0.5"}), 0.1) for n in (7, 14, 28)]
+    assert all(after[1] <= before[1] for before, after in pairwise(halved))
+    assert free.lower <= halved[-1][0] <= free.lower + 2 / 28
+    rates = [sides(bound(INTEGRATOR, "0", ("1",), rate=(f"-{r}", r))) for r in ("4", "32", "256")]
+    assert all(after[1] < before[0] for before, after in pairwise(rates))
+    assert 1 <= rates[-1][0] <= rates[-1][1] < 1.005
+
+
+def test_what_makes_no_sense_together() -> None:
+    def refused(words: str, plant: LinearPlant = SPRING, displacement: str = "1", start: Numbers = (), **others: Any) -> None:
+        begin = from_output(plant, [Fraction(x) for x in start]) if start else None
+        limits = Limits.of("-2", "2", **others)
+        with pytest.raises(ManeuverError, match=words):
+            problem([plant], Maneuver(Fraction(displacement), limits, initial=begin))
+
+    refused("at first 'spring' deviates by", start=("0", "0", "1", "0"), deflection={"spring": "0.3"})
+    refused("at its final rest 'output' deviates by 1", PENDULUM, deflection={"output": "0.9"}, rate=RATE)
+    refused("would use fuel for ever", PENDULUM, "0.5", fuel="1", rate=RATE)
+
+
+# Lies about ∫u = 1, |u| ≤ 1, samples of 1/8 s and steps of at most 1/4 (slopes of 2): 11 samples. p = 1, q = 1 at the end, falling by 1/8 a
+# sample (all that u gains there is in the steps), and the same with the other sign at the beginning of ten samples, or fewer.
+
+FALLING = [1 / 2, 3 / 8, 1 / 4, 1 / 8]
+
+
+def multipliers(count: int) -> list[str]:
+    """The last step first; where the input is inside its limits `∫_cell p - q_k + q_{k-1}` is 0."""
+    ends = [f"-{x}" for x in FALLING], [f"{x}" for x in FALLING[::-1]]
+    return [*ends[0], *["0"] * (count + 1 - 8), *ends[1]]
+
+
+def lower_side(time: str, steps: list[str], **others: Any) -> Outcome:
+    posed = task(["1"], ["1", "0"], others.pop("displacement", "1"), **{"rate": ["-2", "2"], "sample_time": "1/8", **others})
+    return check(certificate(posed, time, witnesses=(costate((("0", "0"), [("1", "0")]), steps=steps), None))).outcome
+
+
+def test_the_lower_side_of_steps() -> None:
+    # ten samples do at most 7/8
+    assert lower_side("11/8", multipliers(10)) is Outcome.PROVED
+    assert lower_side("11/8", multipliers(10), displacement="0.876") is Outcome.PROVED
+    assert lower_side("11/8", multipliers(10), displacement="0.874") is Outcome.REFUTED
+    assert lower_side("3/2", multipliers(11)) is not Outcome.PROVED
+    assert lower_side("3/2", multipliers(11), displacement="1.01") is Outcome.PROVED
+    assert lower_side("11/8", []) is Outcome.REFUTED  # ten samples without limits of their steps do 10/8
+    assert lower_side("11/8", multipliers(10), rate=["-2.6", "2.6"]) is Outcome.REFUTED
+    assert lower_side("11/8", multipliers(10), rate=None) is Outcome.MALFORMED
+    assert lower_side("11/8", multipliers(10), sample_time=None) is Outcome.MALFORMED
+    assert lower_side("11/8", multipliers(10), pulses=3) is Outcome.MALFORMED
+    for i in range(11):
+        worse = [*multipliers(10)]
+        worse[i] = "0.7" if not worse[i].startswith("-") else "-0.7"
+        assert lower_side("11/8", worse, displacement="0.876") is not Outcome.PROVED, i
+
+
+def test_the_upper_side_of_steps() -> None:
+    def outcome(levels: list[str], rate: tuple[str, str] = ("-2", "2"), step: str = "1/8", free: int = 3) -> Outcome:
+        posed = task(["1"], ["1", "0"], rate=list(rate), sample_time=step)
+        segments = [(written(Fraction(k, 8)), level) for k, level in enumerate(levels)]
+        witness = command(written(Fraction(len(levels), 8)), segments, [["level", free, 0]])
+        return check(certificate(posed, upper=written(Fraction(len(levels), 8)), witnesses=(None, witness))).outcome
+
+    levels = ["0.24", "0.48", "0.72", *["0.853333333"] * 6, "0.72", "0.48", "0.24"]  # their sum is 8
+    assert outcome(levels, free=5) is Outcome.PROVED
+    assert outcome(levels, ("-2", "1.9"), free=5) is Outcome.REFUTED  # 0.24 is more than 1.9/8
+    assert outcome(levels, ("-1.9", "2"), free=5) is Outcome.REFUTED
+    assert outcome(levels, step="1/16", free=5) is Outcome.REFUTED  # steps of half as much
+    assert outcome(levels[1:], free=4) is Outcome.REFUTED  # begins with a step of 0.48
+    assert outcome(levels[:-1], free=5) is Outcome.REFUTED  # ends with one
+
+
+def test_a_changed_limit_changes_the_claim_of_several() -> None:
+    content = bound(CART, "1", step="0.07", rate=RATE, deflection={"output_rate": "0.5"}).certificate
+    assert content is not None
+    words = claim(check(content))
+    assert "From sample to sample, and from and to the rests, u changes by h times a slope in [-4, 4]." in words
+    assert "never leaves its first rest value by more than 0.5" in words
+    step = Fraction("0.07")
+    for side, change in (("lower", step), ("upper", -step)):
+        time = number(opened(content)["claim"][side]) + change
+        lie = changed(content, lambda data, side=side, time=time: data["claim"].update({side: written(time)}))
+        assert check(lie).outcome is not Outcome.PROVED
+    for name in ("deflection", "steps"):
+        dropped = changed(content, lambda data, name=name: data["lower"].update({name: []}))
+        assert check(dropped).outcome is not Outcome.PROVED
+    looser = changed(content, lambda data: data["task"]["limits"].update(rate=["-40", "40"]))
+    assert check(looser).outcome is not Outcome.PROVED
+    tighter = changed(content, lambda data: data["task"]["limits"]["deflection"].update(output_rate="0.45"))
+    assert check(tighter).outcome is not Outcome.PROVED
