@@ -15,6 +15,7 @@ Complexes = NDArray[np.complex128]
 TOPS = {2: 4096, 3: 1 << 17}
 """Tops of the largest mode that are looked at, by the number of modes: the phases of the others are off by 1e-3 and 1e-2 then."""
 MANY = 1 << 18  # of more modes
+CLOSER = (1.0, 4.0, 16.0, 64.0)
 CHUNK = 4_000_000  # instants of all plants that are looked at together
 
 
@@ -32,8 +33,8 @@ def course(motions: Complexes, poles: Complexes, times: Reals) -> Reals:
 
 
 def sharpened(motions: Complexes, poles: Complexes, near: Reals, width: Reals) -> tuple[Reals, Reals]:
-    """Extremes near instants (k, m), and their sizes, by parabolas through three points `width` (k,) apart, then 32 times closer."""
-    for closer in (1.0, 32.0):
+    """Extremes near instants (k, m), and their sizes, by parabolas through three points `width` (k,) apart, then closer ones."""
+    for closer in CLOSER:
         step = (width / closer)[:, None]
         before, at, after = (course(motions, poles, near + shift * step) for shift in (-1.0, 0.0, 1.0))
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -24,6 +24,7 @@ Complexes = NDArray[np.complex128]
 
 PERIODS = 8.0  # of the slowest mode: how long after the command a residual is followed
 LOOKS = 12  # instants in a period of the fastest mode at first
+FINE = 48  # instants in a period of the fastest mode at which its residual is followed
 MISSED = 1e-7  # relative excess between two instants that calls for another one
 WORST = 4  # instants of one plant that are added at a time
 
@@ -90,7 +91,7 @@ class Sample:
         if not self.basis.size:
             return np.zeros(1), np.zeros(1)
         motions, poles = self.motions(moments)[None, :], np.array([[pole.value for pole in self.basis.poles]])
-        fine = np.linspace(0.0, self.window, int(24 * self.window * self.fastest / (2 * np.pi)) + 3)
+        fine = np.linspace(0.0, self.window, int(FINE * self.window * self.fastest / (2 * np.pi)) + 3)
         values = course(motions, poles, fine[None, :])[0]
         turns = np.flatnonzero((values[1:-1] - values[:-2]) * (values[2:] - values[1:-1]) <= 0.0) + 1
         near = fine[np.append(turns, 0)]  # it may turn before the first instant of the grid

@@ -13,7 +13,7 @@ from relaxations.boxes import Family
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-PER_PERIOD = 24  # instants in a period of the fastest mode
+PER_PERIOD = 48  # instants in a period of the fastest mode
 MOST = 20_000  # instants for one plant
 LASTING = 1e-9  # -Re p / |p|: with less, two modes meet at their worst at last, however long that takes
 LATE = 1024  # tops of the largest mode at which several modes may meet
@@ -85,8 +85,8 @@ class Scan:
 def _peaks(motions: Complexes, poles: Complexes, steps: Reals, count: int) -> Reals:
     """`max |Re Σ_j Z_j e^{p_j τ}|` over `count` instants from 0 on, and about the largest: (k,)."""
     values = course(motions, poles, np.arange(count) * steps[:, None])
-    top = np.abs(values).argmax(axis=1) * steps
-    near = sharpened(motions, poles, np.stack([top, np.zeros(len(top))], axis=1), steps)[1].max(axis=1)
+    later = (np.abs(values[:, 2:]).argmax(axis=1) + 2) * steps  # extremes may lie close together just after the command
+    near = sharpened(motions, poles, np.stack([np.zeros(len(later)), steps, later], axis=1), steps)[1].max(axis=1)
     return np.maximum(np.abs(values).max(axis=1), near)
 
 

@@ -213,13 +213,15 @@ def within(
             return True  # of stable plants, which these are if they are `settled`
     except ZeroDivisionError:
         return False
-    if len(points) == 1 and flexible[0] and points[0].real.is_zero() and abs(around.middle.sizes[0][0]) > allowed:
+    alone = len(points) == 1 and flexible[0] and points[0].real.is_zero() and abs(around.middle.sizes[0][0]) > allowed
+    if alone or (inside := all(ball.real <= 0 for ball in balls) and in_time(around, sizes, flexible, allowed)) is None:
         raise Refuted(f"the residual exceeds the tolerance at {', '.join(f'{float(arb(x).mid()):.6g}' for x in centre)}")
-    return all(ball.real <= 0 for ball in balls) and in_time(around, sizes, flexible, allowed)
+    return inside
 
 
-def in_time(around: Around, sizes: Sequence[arb], flexible: Sequence[bool], allowed: arb) -> bool:
-    """Whether |r(τ)| ≤ allowed: at the centre by Taylor's formula in τ, elsewhere as `Around` says, far away by the envelope."""
+def in_time(around: Around, sizes: Sequence[arb], flexible: Sequence[bool], allowed: arb) -> bool | None:
+    """Whether |r(τ)| ≤ allowed: at the centre by Taylor's formula in τ, elsewhere as `Around` says, far away by the envelope. None if it is
+    more at an instant of the plant at the centre."""
     middle, whole = around.middle, around.whole
     roots = tuple(Root(p[0] if pair else acb(p[0].real), 1) for p, pair in zip(middle.poles, flexible, strict=True))
     wave = Wave.of(roots, [part for z, pair in zip(middle.sizes, flexible, strict=True) for part in (z[0].real, z[0].imag)[: 1 + pair]])
@@ -238,6 +240,8 @@ def in_time(around: Around, sizes: Sequence[arb], flexible: Sequence[bool], allo
         span = a.union(b)
         if abs(values) + around.drift(span) <= allowed:
             continue
+        if abs(value) > allowed:
+            return None
         if not (a < c < b and abs(value) + around.drift(c) <= allowed):
             return False  # at this instant, which a shorter piece would not help
         waiting += [(a, c), (c, b)]
