@@ -77,6 +77,8 @@ def promises(task: dict[str, Any]) -> list[str]:
         return []
     allowed = f"at most {box['tolerance']} of the displacement instead of 0"
     residual = f"  In every one of these plants the residual |y(t) - y(∞)| for t ≥ T is {allowed};"
+    if not (box["plants"] or box["denominator"]):
+        return [residual, "  y(∞) is the target in all of them, and none keeps drifting."]
     share = box["final_tolerance"]
     where = "" if share is None else f", within {share} of the displacement of it in the others"
     return [residual, f"  y(∞) is the target in the nominal plant{where}, and no plant keeps drifting."]
