@@ -79,8 +79,6 @@ def shaper_block(
     """
     if not 2 <= history <= 10**7:
         raise BuildError(f"a shaper remembers from 2 to 10000000 changes of its reference, not {history}")
-    if shaper.pulses:
-        raise BuildError("a shaper of pulses is no FMU: it would have to integrate its reference; export the command that it makes instead")
     reading = "Between communication points the reference is a line over each step (true) or held (false)"
     variables = [
         PlantVariable(0, "rest", "parameter", signal.unit, "Reference before the start", start=signal.rest),
@@ -102,20 +100,21 @@ def shaper_block(
         "DURATION": shaper.duration,
         "HISTORY": history,
         "IMPULSES": len(shaper.times),
+        "PULSES": len(shaper.pulses),
         "FILTERS": len(filters),
         "FILTER_STATES": len(coefficients),
         "FILTER_POWERS": max((int(count) for *_, count in filters), default=1),
     }
     tables = [
         _table("struct { double time, amplitude; }", "IMPULSE", list(zip(shaper.times, shaper.amplitudes, strict=True))),
+        _table("struct { double start, width, height; }", "PULSE", [(pulse.start, pulse.width, pulse.height) for pulse in shaper.pulses]),
         "typedef struct {\n    double start, rate, frequency;\n    int first, count; /* of its states */\n} Filter;",
         _table("Filter", "FILTER", filters),
         _table("struct { double real, imaginary; }", "COEFFICIENT", coefficients),
     ]
     length = shaper.duration or 1.0
-    description = (
-        f"Shapes any reference by {len(shaper.times)} impulses and {len(shaper.terms)} decaying terms within {shaper.duration:.9g} s."
-    )
+    parts = f"{len(shaper.pulses)} pulses" if shaper.pulses else f"{len(shaper.times)} impulses and {len(shaper.terms)} decaying terms"
+    description = f"Shapes any reference by {parts} within {shaper.duration:.9g} s."
     plant = _plant(name, description, variables, signal, stop=10.0 * length, step=length / 200)
     plant = replace(plant, interfaces=("CoSimulation",), step_hook=True, outputs_before=True, memory="shaper.h", input_derivatives=1)
     return Block(plant, "shaper.c", _header(numbers, tables), ("shaper.h",))

@@ -20,7 +20,7 @@ from relaxations.plants import fraction
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """A quotient of two polynomials in the parameters, in lowest terms: what a plant's entries are evaluated in."""
+    """A quotient of two polynomials in the parameters, in lowest terms, the denominator monic: what a plant's entries are evaluated in."""
 
     numerator: Any
     denominator: Any
@@ -30,7 +30,7 @@ class Ratio:
         """Reduced; raises `ZeroDivisionError` if the denominator is 0."""
         if denominator == 0:
             raise ZeroDivisionError
-        common = numerator.gcd(denominator)
+        common = numerator.gcd(denominator) * denominator.leading_coefficient()
         return Ratio(numerator / common, denominator / common)
 
     def __add__(self, other: Ratio) -> Ratio:
@@ -95,7 +95,7 @@ class Parameters:
         context = self._context
         s, whole = context.gen(len(self.names)), context.constant(1)
         for entry in [*output, *characteristic, *(x for state in states for x in state)]:
-            whole = whole * entry.denominator / whole.gcd(entry.denominator)
+            whole = whole * entry.denominator / whole.gcd(entry.denominator)  # all of them monic: no factor piles up
 
         def joined(coefficients: Sequence[Ratio]) -> Any:
             total = context.constant(0)

@@ -41,7 +41,7 @@ class WorstResidual:
 
 
 def worst_residual(posed: Problem, command: Command) -> WorstResidual | None:
-    """Prove what a command of constant pieces leaves in the box of `posed`, whose tolerance does not matter; None if that is not proven.
+    """Prove what a command of constant pieces leaves in the box of `posed`, whose tolerances do not matter; None if that is not proven.
 
     Raises `ManeuverError` without a box, and for a command with slopes, a tail or a later start.
     """
@@ -59,7 +59,7 @@ def worst_residual(posed: Problem, command: Command) -> WorstResidual | None:
     found = max(sizes) / abs(float(posed.maneuver.displacement))
     for above in ABOVE:
         tolerance = max(_rounded_up(found * (1.0 + above)), LEAST)
-        asked = problem(posed.plants, replace(posed.maneuver, box=replace(box, tolerance=tolerance, samples=())))
+        asked = problem(posed.plants, replace(posed.maneuver, box=replace(box, tolerance=tolerance, final_tolerance=None, samples=())))
         task = certificates.task(asked)
         for radius in RADII:
             side = Side(Fraction(command.end), _witness(asked, command, radius * command.end))

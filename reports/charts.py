@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -25,6 +25,7 @@ from reports.errors import RecordError
 
 # Stand-ins for the page's colours: matplotlib wants numbers, the page wants variables.
 _INK, _FAINT, _LINE, _SECOND, _LIMIT, _BAD, _UNSURE = "#010101", "#020202", "#030303", "#040404", "#050505", "#060606", "#070707"
+_FOURTH = "#080808"
 _COLOURS = {
     _INK: "var(--chart-ink, #3d444d)",
     _FAINT: "var(--chart-faint, #d5d9de)",
@@ -33,7 +34,9 @@ _COLOURS = {
     _LIMIT: "var(--chart-limit, #8a6d00)",
     _BAD: "var(--chart-bad, #b3261e)",
     _UNSURE: "var(--chart-unsure, #9a6700)",
+    _FOURTH: "var(--chart-fourth, #7b2d8b)",
 }
+INK, FAINT, LINE, SECOND, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _LIMIT, _BAD, _UNSURE  # of charts in other modules
 _FONT = "var(--chart-font, system-ui, sans-serif)"
 _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions of matplotlib name
     "axes.edgecolor": _INK,
@@ -193,10 +196,7 @@ def sensitivity(
     limits: Sequence[Limit] = (),
     band: tuple[float, float] | None = None,
 ) -> str:
-    """Sensitivity curves: residual vibration against the true frequency of a mode, one named curve a command; `factors` (n,).
-
-    The limits hold within `band`, everywhere if there is none.
-    """
+    """Sensitivity curves: residual vibration against a mode's true frequency, one named curve a command; limits hold within `band`."""
     (x,) = _arrays(factors=factors)
     with mpl.rc_context(_rc(name)):
         figure = Figure(figsize=(_WIDTH, 3.4), layout="constrained")
@@ -274,7 +274,7 @@ def sweeps(name: str, curves: Mapping[str, tuple[ArrayLike, ArrayLike]], *, para
 
 def _look(number: int) -> dict[str, Any]:
     """A colour and a line that tell this curve from its neighbours in print as well."""
-    styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2))), (_LINE, _SECOND, _INK, _BAD)
+    styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2))), (_LINE, _SECOND, _INK, _FOURTH)
     return {"color": colours[number % 4], "linestyle": styles[number % 4], "linewidth": 1.3}
 
 
@@ -335,6 +335,16 @@ def shaping(
         for axes in (above, below):
             axes.margins(x=0.01)
             axes.legend(loc="best")
+        return _svg(figure, name)
+
+
+def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Axes]], None]) -> str:
+    """A chart of `count` panels side by side with one vertical axis, `height` inches high; `fill` draws into them."""
+    with mpl.rc_context(_rc(name)):
+        figure = Figure(figsize=(_WIDTH + 0.8, height), layout="constrained")
+        axes = list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
+        fill(figure, axes)
+        _tidy_offsets(axes[0])
         return _svg(figure, name)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 
 NOTHING = "–"
 _MOST_DIGITS = 17  # tell any two float64 apart
@@ -25,6 +26,16 @@ def number(value: float | None, apart_from: Iterable[float | None] = (), digits:
 def exact(value: float | None) -> str:
     """The shortest decimal that gives `value` back; – for None."""
     return NOTHING if value is None else _plain(repr(float(value)).removesuffix(".0"))
+
+
+def at_least(value: float | None, digits: int = 10) -> str:
+    """A lower bound to so many significant digits, rounded down, so that it remains one."""
+    return NOTHING if value is None else _plain(f"{Context(prec=digits, rounding=ROUND_FLOOR).create_decimal(value):g}")
+
+
+def at_most(value: float | None, digits: int = 10) -> str:
+    """An upper bound to so many significant digits, rounded up."""
+    return NOTHING if value is None else _plain(f"{Context(prec=digits, rounding=ROUND_CEILING).create_decimal(value):g}")
 
 
 def with_unit(text: str, unit: str | None) -> str:

@@ -98,6 +98,8 @@ def _template(name: str) -> tuple[Template, Markup]:
     environment.filters |= {
         "number": formatting.number,
         "exact": formatting.exact,
+        "at_least": formatting.at_least,
+        "at_most": formatting.at_most,
         "with_unit": formatting.with_unit,
         "anchor": _anchor,
         "link": _link,

@@ -7,31 +7,15 @@ import os
 import sys
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 
 from suite.cli_fmus import fmus
-from suite.command import AS_JSON, FAILED, INCONCLUSIVE, USAGE, guarded, print_json, user_errors
+from suite.cli_tables import table, tradeoff
+from suite.command import AS_JSON, FAILED, INCONCLUSIVE, SANDBOX, USAGE, guarded, print_json
 
 POSITIVE = click.FloatRange(0.0, 1e150, min_open=True)
-
-
-def _choose_sandbox(context: click.Context, option: click.Parameter, value: Literal["none", "auto", "bwrap"]) -> None:
-    from fmus.confinement import choose_sandbox
-
-    with user_errors():
-        choose_sandbox(value)
-
-
-SANDBOX = click.option(
-    "--sandbox",
-    type=click.Choice(("none", "auto", "bwrap")),
-    default="none",
-    expose_value=False,
-    callback=_choose_sandbox,
-    help="Run the FMU's code in a sandbox (bubblewrap): none, the default; auto: where that works; bwrap: or not at all.",
-)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -130,36 +114,6 @@ def bound(studies: tuple[Path, ...], certificate: Path | None, as_json: bool) ->
         print_json({"studies": [{"study": str(done.study.file), **done.to_dict()} for done in table]})
     else:
         console.show_collection(table)
-
-
-@main.command()
-@click.argument("study", type=click.Path(path_type=Path))
-@click.option("--displacements", required=True, metavar="LO:HI:N", help="N equally spaced displacements, both ends included.")
-@click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),
-              help="Write it for a controller: .h (C), .st (IEC 61131-3 Structured Text), .csv.")  # fmt: skip
-@click.option("--certificates", type=click.Path(path_type=Path), help="Write every row's proof into this folder.")
-@SANDBOX
-@AS_JSON
-@guarded
-def table(study: Path, displacements: str, exports: tuple[Path, ...], certificates: Path | None, as_json: bool) -> None:
-    """Bracket the minimum time of STUDY for many displacements, with proofs, and write the commands for a controller.
-
-    Exit code 0: every row is proved or bracketed; 1: one is impossible; 2: bad input.
-    """
-    from suite import console, table_files, tables
-    from suite.loading import load_study
-
-    table_files.known(exports)
-    asked = tables.displacements(displacements)
-    with console.progress("bracketing", len(asked)) as shown:
-        done = tables.tabulate(load_study(study), asked, certificates, shown.advance)
-    for path in exports:
-        table_files.export(done, path)
-    if as_json:
-        print_json(done.to_dict() | {"files": [str(path) for path in exports]})
-    else:
-        console.show_table(done, exports)
-    sys.exit(FAILED if done.impossible else 0)
 
 
 @main.command()
@@ -389,3 +343,5 @@ def shaper(
 
 
 main.add_command(fmus)
+main.add_command(table)
+main.add_command(tradeoff)

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import click
 
@@ -54,6 +54,23 @@ def guarded(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)
 
     return run
+
+
+def _choose_sandbox(context: click.Context, option: click.Parameter, value: Literal["none", "auto", "bwrap"]) -> None:
+    from fmus.confinement import choose_sandbox
+
+    with user_errors():
+        choose_sandbox(value)
+
+
+SANDBOX = click.option(
+    "--sandbox",
+    type=click.Choice(("none", "auto", "bwrap")),
+    default="none",
+    expose_value=False,
+    callback=_choose_sandbox,
+    help="Run the FMU's code in a sandbox (bubblewrap): none, the default; auto: where that works; bwrap: or not at all.",
+)
 
 
 def print_json(record: Mapping[str, Any]) -> None:

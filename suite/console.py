@@ -1,6 +1,6 @@
 """What people see in a terminal: tables on standard output, progress and messages on standard error.
 
-With `suite.console_shapers` the only module that imports rich.
+With `suite.console_shapers` and `suite.console_tables` the only module that imports rich.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -21,7 +20,7 @@ from suite.campaign import RunResult
 from suite.evidence import number
 from suite.inspecting import summary, terminal_lines, variable_rows
 from suite.shaper_text import study_lines
-from suite.table_text import BRACKET, bracket_cells, table_cells
+from suite.table_text import BRACKET, bracket_cells
 from suite.verification import Progress, Verification
 
 if TYPE_CHECKING:
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     from suite.linear import Linear
     from suite.review import Review
     from suite.simulation import Simulated
-    from suite.tables import Table as DisplacementTable
 
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
 MOST_VARIABLES = 100  # rows of a table on a terminal; FMUs have up to 100,000
@@ -180,20 +178,6 @@ def show_collection(table: Sequence[Bracketed]) -> None:
     console.print(shown)
     proved = sum(done.design.bound.status.name != "BRACKETED" for done in table)
     console.print(f"{len(table)} studies, {proved} proven")
-
-
-def show_table(done: DisplacementTable, exports: Sequence[Path]) -> None:
-    """One row a displacement, and what was written."""
-    console, shown = out(), Table()
-    headings, rows = table_cells(done)
-    for heading in headings:
-        shown.add_column(escape(heading), justify="left" if heading == "status" else "right")
-    for row in rows:
-        shown.add_row(*map(escape, row))
-    console.print(shown)
-    console.print(f"{len(rows)} displacements, {done.proven} proven on both sides, {done.seconds:.1f} s")
-    for path in exports:
-        console.print(f"written: {escape(str(path))}", soft_wrap=True)
 
 
 def _show_bracket(console: Console, bound: Mapping[str, Any]) -> None:

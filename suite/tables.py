@@ -6,10 +6,8 @@ so a table serves every displacement up to its largest, and what is lost between
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -22,10 +20,10 @@ from reports.files import write_atomically
 from suite.design import pose
 from suite.errors import Mistake, StudyError, SuiteError
 from suite.plants import nominal_plant
+from suite.spans import span
 from suite.study import Study
 
 MOST_ROWS = 10_000
-RANGE = re.compile(r"([^:]+):([^:]+):(\d+)")
 
 
 class TableError(SuiteError):
@@ -86,16 +84,7 @@ class Table:
 
 def displacements(text: str) -> tuple[Fraction, ...]:
     """`LO:HI:N` as N equally spaced exact numbers, both ends included; 0, which is no move, is left out. Raises `TableError`."""
-    match = RANGE.fullmatch(text.strip())
-    try:
-        if match is None:
-            raise InvalidOperation
-        low, high = (Fraction(Decimal(part)) for part in match.groups()[:2])
-    except (InvalidOperation, ValueError, OverflowError):
-        raise TableError(f"--displacements is LO:HI:N, such as 1:10:100, not {text!r}") from None
-    count = int(match[3])
-    if not 2 <= count <= MOST_ROWS or not low < high:
-        raise TableError(f"--displacements {text}: LO < HI, and N from 2 to {MOST_ROWS}")
+    low, high, count = span("--displacements", text, MOST_ROWS, "1:10:100", TableError)
     return tuple(x for i in range(count) if (x := low + (high - low) * Fraction(i, count - 1)))
 
 

@@ -47,6 +47,12 @@ def impulse_response(term: ShaperTerm, since: Reals) -> Reals:
 def shaped(shaper: Shaper, reference: Callable[[Reals], Reals], breaks: Sequence[float], time: float, rest: float = 0.0) -> float:
     """The shaped reference at `time` [s]; `reference` is smooth between the `breaks` and `rest` before the first of them."""
     total = rest + sum(a * (float(reference(np.array([time - t]))[0]) - rest) for t, a in zip(shaper.times, shaper.amplitudes, strict=True))
+    for pulse in shaper.pulses:
+        start, end = time - pulse.start - pulse.width, time - pulse.start
+        marks = sorted({start, *(b for b in breaks if start < b < end), end})
+        for a, b in itertools.pairwise(marks):
+            at = (a + b) / 2 + (b - a) / 2 * NODES
+            total += float((b - a) / 2 * WEIGHTS @ (reference(at) - rest)) * pulse.height
     for term in shaper.terms:
         end = time - term.start
         # short pieces: forty nodes resolve half a period and a decay of e^-1 each

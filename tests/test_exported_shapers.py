@@ -17,9 +17,13 @@ from raw_fmus import RawFmu
 
 from fmus.archives import open_archive
 from fmus.compiling import FmiVersion
-from relaxations.shapers import Shaper
+from relaxations.shapers import Pulse, Shaper
 
-SHAPERS = known_shapers()
+SHAPERS = {
+    **known_shapers(),
+    "pulses": Shaper((), (), (), (Pulse(0.0, 0.2, 2.5), Pulse(0.6, 0.25, 2.0))),
+    "pulses of both signs": Shaper((), (), (), (Pulse(0.0, 0.7, 2.0), Pulse(0.3, 0.4, -1.5), Pulse(1.1, 0.1, 2.0))),
+}
 ZV = SHAPERS["zv"]  # 0.6 at 0 s, 0.4 at 0.5 s
 Fmus = dict[str, Path]
 # Of a shaped value of size 1: a few hundred sums, and exponentials of arguments up to 30, each with its rounding.
@@ -174,7 +178,7 @@ def test_a_reference_that_stays_takes_no_room(tmp_path: Path) -> None:
 # -- state -------------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["zv2.0", "zv3.0", "pole-zero", "repeated"])
+@pytest.mark.parametrize("name", ["zv2.0", "zv3.0", "pole-zero", "repeated", "pulses"])
 def test_state_is_saved_restored_serialised_and_reset(fmus: Fmus, name: str, tmp_path: Path) -> None:
     times, values = steps(3)
     with RawFmu(fmus[name], tmp_path / "one") as fmu, RawFmu(fmus[name], tmp_path / "two") as other:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reports.formatting import bounds, bracket, exact, gap, number, quantity, sentence, with_unit
+from reports.formatting import at_least, at_most, bounds, bracket, exact, gap, number, quantity, sentence, with_unit
 
 
 @pytest.mark.parametrize(
@@ -39,6 +39,17 @@ def test_rounding_never_crosses_a_limit(value: float, limit: float) -> None:
 def test_a_bracket_is_shown_exactly(lower: float, upper: float) -> None:
     common, low, high = bracket(lower, upper)
     assert (float(common + low), float(common + high)) == (lower, upper)
+
+
+@given(st.floats(1e-300, 1e300), st.integers(1, 12))
+def test_rounded_bounds_remain_bounds(value: float, digits: int) -> None:
+    assert float(at_least(value, digits)) <= value <= float(at_most(value, digits))
+    assert float(at_most(value, digits)) <= value * (1 + 2 * 10.0 ** (1 - digits))
+
+
+def test_rounded_bounds() -> None:
+    assert (at_least(0.15 + 1e-12), at_most(0.15 + 1e-12), at_least(None)) == ("0.1500000000", "0.1500000001", "–")
+    assert (at_least(1.0), at_most(3.001e-9, 3)) == ("1", "3.01e-9")
 
 
 def test_brackets_and_gaps() -> None:

@@ -152,6 +152,16 @@ def test_the_picture_is_the_one_that_its_script_draws(tmp_path: Path):
     assert len(shown) > 10
 
 
+@pytest.mark.slow
+def test_the_picture_of_the_trade_off_is_the_one_that_its_command_draws(tmp_path: Path):
+    """Words and numbers of it, as of the other one."""
+    again = tmp_path / "picture.svg"
+    assert CliRunner().invoke(main, ["tradeoff", str(ROOT / "suite/studies/two_mass.toml"), "--plot", str(again)]).exit_code == 0
+    shown, drawn = (re.findall(r"<text[^>]*>([^<]*)</text>", file.read_text()) for file in (ROOT / "docs/tradeoff.svg", again))
+    assert shown == drawn
+    assert len(shown) > 10
+
+
 def test_times_in_the_prose_are_those_of_the_picture_and_of_the_commands(printed: dict[str, str]):
     picture = (ROOT / "docs/two_mass.svg").read_text()
     told = set(re.findall(r"\((\d\.\d{4}) s\)", README))

@@ -1,4 +1,4 @@
-/* A shaper as a block: shaped = reference * (impulses + decaying terms), in real time. The numbers stand in constants.h.
+/* A shaper as a block: shaped = reference * (impulses + decaying terms, or pulses), in real time. The numbers stand in constants.h.
  *
  * All of it is linear, so it works in deviations of the reference from its value at rest, which it had for all time before the start.
  *
@@ -52,6 +52,19 @@ static double reference(const Plant *p, double at) {
         return 0.0;
     const Piece *last = piece(&p->memory, count - 1);
     return last->value + last->slope * fmax(at - last->time, 0.0);
+}
+
+/* The integral of the reference from `start` to `stop` [s], not later than now: exact, for it is made of linear pieces. */
+static double area(const Memory *m, double start, double stop) {
+    const int first = begun(m, start);
+    double sum = 0.0;
+    for (int i = first > 0 ? first - 1 : 0; i < m->count && piece(m, i)->time < stop; i++) {
+        const Piece *now = piece(m, i);
+        const double from = fmax(now->time, start);
+        const double until = i + 1 < m->count ? fmin(piece(m, i + 1)->time, stop) : stop;
+        sum += (until - from) * (now->value + now->slope * (0.5 * (from + until) - now->time));
+    }
+    return sum;
 }
 
 static Complex times(Complex a, Complex b) {
@@ -137,6 +150,10 @@ void plant_outputs(Plant *p) {
     double sum = 0.0;
     for (int i = 0; i < IMPULSES; i++)
         sum += IMPULSE[i].amplitude * reference(p, p->time - IMPULSE[i].time);
+    for (int i = 0; i < PULSES; i++) {
+        const double last = p->time - PULSE[i].start;
+        sum += PULSE[i].height * area(&p->memory, last - PULSE[i].width, last);
+    }
     for (int f = 0; f < FILTERS; f++)
         for (int j = 0; j < FILTER[f].count; j++) {
             const int i = FILTER[f].first + j;

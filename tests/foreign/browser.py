@@ -156,6 +156,30 @@ def page() -> Iterator[Page]:
                 os.close(ours_out)
 
 
+def look_at(file: Path, pictures: Path) -> dict[str, Any]:
+    """What a person sees of a page, light and dark, printed and on a telephone: text, requests, complaints, measures and pictures."""
+    with page() as tab:
+        tab.open(file.as_uri())
+        found = {
+            "address": file.as_uri(),
+            "text": tab.text(),
+            "title": tab.evaluate("document.title"),
+            "plots": tab.evaluate(
+                "[...document.querySelectorAll('svg')].map(s => [s.getBoundingClientRect().width, s.getBoundingClientRect().height])"
+            ),
+            "pictures": [
+                tab.screenshot(pictures / f"{file.stem}.png"),
+                tab.screenshot(pictures / f"{file.stem}-dark.png", dark=True),
+                tab.screenshot(pictures / f"{file.stem}-print.png", printed=True),
+                tab.screenshot(pictures / f"{file.stem}-narrow.png", width=390),
+            ],
+            "narrow_overflow": tab.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth"),
+        }
+        found |= {"requests": tuple(tab.requests), "complaints": tuple(tab.complaints)}
+    print("\n".join(map(str, found["pictures"])))
+    return found
+
+
 def _messages(source: int) -> Iterator[dict[str, Any]]:
     rest = b""
     while piece := os.read(source, 1 << 16):

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from browser import chromium, page
+from browser import chromium, look_at, page
 
 pytestmark = [pytest.mark.foreign, pytest.mark.skipif(chromium() is None, reason="no Chromium on this machine")]
 
@@ -20,29 +20,8 @@ def results(evidence: Path) -> dict:
 
 @pytest.fixture(scope="module")
 def seen(evidence: Path, tmp_path_factory: pytest.TempPathFactory) -> dict:
-    """What the browser saw: text, requests, complaints, measures and pictures."""
-    pictures = tmp_path_factory.mktemp("pictures")
-    address = (evidence / "report.html").as_uri()
-    with page() as tab:
-        tab.open(address)
-        found = {
-            "address": address,
-            "text": tab.text(),
-            "title": tab.evaluate("document.title"),
-            "plots": tab.evaluate(
-                "[...document.querySelectorAll('svg')].map(s => [s.getBoundingClientRect().width, s.getBoundingClientRect().height])"
-            ),
-            "pictures": [
-                tab.screenshot(pictures / "report.png"),
-                tab.screenshot(pictures / "report-dark.png", dark=True),
-                tab.screenshot(pictures / "report-print.png", printed=True),
-                tab.screenshot(pictures / "report-narrow.png", width=390),
-            ],
-            "narrow_overflow": tab.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth"),
-        }
-        found |= {"requests": tuple(tab.requests), "complaints": tuple(tab.complaints)}
-    print("\n".join(map(str, found["pictures"])))
-    return found
+    """What the browser saw."""
+    return look_at(evidence / "report.html", tmp_path_factory.mktemp("pictures"))
 
 
 def test_the_browser_notices_requests_and_complaints(tmp_path: Path) -> None:
