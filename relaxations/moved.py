@@ -47,6 +47,12 @@ class Move:
         return Move(found["root"], found["what"] or "place")
 
 
+def nominal(plant: LinearPlant, name: str) -> Fraction:
+    """A parameter's value in the plant itself: 1 for factors, or the damping ratio."""
+    move = Move.of(name)
+    return _damping(plant, named(plant)[move.root]) if move is not None and move.what == "damping" else Fraction(1)
+
+
 def axis(plant: LinearPlant, name: str, low: Fraction, high: Fraction) -> Axis:
     """A parameter with its nominal value; raises `ManeuverError` for a root that the plant does not have, or a range that is none."""
     move = Move.of(name)
@@ -66,15 +72,13 @@ def axis(plant: LinearPlant, name: str, low: Fraction, high: Fraction) -> Axis:
             raise ManeuverError(
                 f"a damping ratio lies from 0 to below 1: less is unstable, more no flexible mode; not [{_n(low)}, {_n(high)}]"
             )
-        nominal = _damping(plant, root)
-    else:
-        nominal = Fraction(1)
-        if not low > 0:
-            raise ManeuverError(f"a factor is more than 0, not {_n(low)}")
-    if not low <= nominal <= high:
-        why = "the factor 1" if move.what != "damping" else f"its damping ratio, {float(nominal):.10g},"
+    elif not low > 0:
+        raise ManeuverError(f"a factor is more than 0, not {_n(low)}")
+    usual = nominal(plant, name)
+    if not low - CLOSE <= usual <= high + CLOSE:
+        why = "the factor 1" if move.what != "damping" else f"its damping ratio, {float(usual):.10g},"
         raise ManeuverError(f"{why} of the nominal plant is not in [{_n(low)}, {_n(high)}]")
-    return Axis(name, nominal, low, high)
+    return Axis(name, min(max(usual, low), high), low, high)  # of a ratio that is no fraction a range without width holds the nearest one
 
 
 def named(plant: LinearPlant) -> dict[str, Pole]:

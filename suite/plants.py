@@ -13,8 +13,8 @@ from fmus.twins import linear_plant as twin_plant
 from fmus.twins import read_twin, twin_family
 from relaxations.boxes import Axis, Box, Family, Listed
 from relaxations.errors import ManeuverError, PlantError
+from relaxations.moved import Move, moved, nominal
 from relaxations.moved import axis as moved_axis
-from relaxations.moved import moved
 from relaxations.plants import LinearPlant
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.study import FmuPlant, ModalPlant, Plant, RootsPlant, StateSpacePlant, Study, TransferPlant
@@ -123,7 +123,9 @@ def _listed(study: Study, usual: tuple[Fraction, ...], nominal: LinearPlant) -> 
 
 
 def nominal_value(study: Study, parameter: str) -> Fraction:
-    """An uncertain parameter's nominal value: the study's, else the FMU's start value."""
+    """An uncertain parameter's nominal value: the study's, else the FMU's start value; that of a root in the nominal plant."""
+    if Move.of(parameter) is not None:
+        return nominal(nominal_plant(study), parameter)
     fmu = study.plant.fmu
     assert fmu is not None
     if parameter in fmu.parameters:
