@@ -77,7 +77,7 @@ def moments(plant: LinearPlant, basis: Basis, start: Sequence[Fraction]) -> Real
         found = [root for root, _ in cast("list[tuple[acb, int]]", plant.denominator.complex_roots())]
         for pole in basis.poles:
             near = min(found, key=lambda ball, pole=pole: float(abs(ball - acb(pole.value.real, pole.value.imag)).mid()))
-            values += [complex(float(x.real.mid()), float(x.imag.mid())) for x in _chain(near, pole.multiplicity, plant.denominator, start)]
+            values += [complex(float(x.real.mid()), float(x.imag.mid())) for x in chain(near, pole.multiplicity, plant.denominator, start)]
     return basis.real(iter(np.array([value]) for value in values))[:, 0]
 
 
@@ -85,7 +85,8 @@ def _rational(value: Fraction) -> fmpq:
     return fmpq(value.numerator, value.denominator)
 
 
-def _chain(pole: acb, multiplicity: int, denominator: fmpq_poly, start: Sequence[Fraction]) -> list[acb]:
+def chain(pole: acb, multiplicity: int, denominator: fmpq_poly, start: Sequence[Fraction]) -> list[acb]:
+    """The moments at one pole of ξ and its derivatives, at the precision that is set."""
     quotient, found = [acb(c) for c in denominator.coeffs()], []
     for _ in range(multiplicity):
         below = [quotient[-1]]  # synthetic division by s - p, from the highest power down

@@ -37,6 +37,7 @@ from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
 from relaxations.courses import respects
+from relaxations.degenerate import settled
 from relaxations.duality import Costate
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
@@ -199,6 +200,8 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
     if isinstance(extremal, Extremal) and extremal is found.dual and proof.upper is None:
         upper = _refined(problem, task, extremal, found)
         proof = Proof(proof.lower, upper, found.command if upper else None, found.switches if upper else None)
+    if isinstance(extremal, Extremal) and proof.upper is None:
+        proof = proof.better(settled(problem, task, extremal))
     above: programs.GridSolution | None = None
     if proof.upper is None and found.upper is not None:
         repaired, above = _repaired(problem, task, _grids(problem, found, settings))

@@ -118,9 +118,10 @@ class VaryingPlant:
             rates = [sum((x * s for x, s in zip(row, state, strict=True)), held * e) for row, e in zip(a, b, strict=True)]
             seen = sum((x * s for x, s in zip(c, state, strict=True)), held * d)
             if any(rates) or seen != displacement:
+                moving = f"move on, by {max(map(abs, map(float, rates))):.2g} a second" if any(rates) else f"show {float(seen):.9g}"
                 raise PlantError(
-                    f"the final rest is none at {float(at):.6g} s: there the plant would move on, or show {float(seen):.6g} instead of "
-                    f"{float(displacement):.6g}; a schedule varies what is in motion, not where the plant rests"
+                    f"the final rest, with the output at {float(displacement):.6g}, is none at {float(at):.6g} s: there the plant "
+                    f"would {moving}; a schedule varies what is in motion, not where the plant rests"
                 )
         return state, held
 
@@ -181,6 +182,8 @@ class Transition:
         plant, begin = self.plant, self._end
         after = next((i for i, at in enumerate(plant.instants) if at > begin), None)
         end = begin + Fraction(REACH / self._pace)
+        if after is None and not plant.pace:  # the series ends by itself
+            end = max(end, 2 * begin)
         if after is not None and plant.instants[after] <= end + (end - begin) / 2:
             end = plant.instants[after]
         length = arb(_rational(end - begin))

@@ -300,7 +300,7 @@ def test_hostile_schedules_end() -> None:
 
 
 def test_a_rest_lasts_or_there_is_none() -> None:
-    with pytest.raises(PlantError, match=r"none at 0 s.*not where the plant rests"):
+    with pytest.raises(PlantError, match=r"none at 0 s: there the plant would move on, by 1 a second; .* not where the plant rests"):
         posed(VaryingPlant.of([0, 1], [[[0, 1], [-1, 0]], [[0, 1], [-2, 0]]], [[0, 1]] * 2, [[1, 0]] * 2))
     with pytest.raises(PlantError, match="no rest"):
         posed(VaryingPlant.of([0], [[[0, 1], [0, 0]]], [[0, 1]], [[0, 1]]))
@@ -310,6 +310,16 @@ def test_a_rest_lasts_or_there_is_none() -> None:
         VaryingPlant.of([0, 1], [[[0]]], [[1]] * 2, [[1]] * 2)
     with pytest.raises(PlantError, match="moves no state"):
         VaryingPlant.of([0], [[[0]]], [[0]], [[1]])
+
+
+def test_scales_of_time_do_not_matter() -> None:
+    # x'' = (1 + t/τ) u with u of 1/τ²: the closed form, τ times as long.
+    time, _ = growing_time(1.0)
+    for power in (-6, 6):
+        tau = Fraction(10) ** power
+        plant = VaryingPlant.of([0, 2 * tau], [[[0, 1], [0, 0]]] * 2, [[0, 1], [0, 3]], [[1, 0]] * 2)
+        found, _, _ = proven(posed(plant, 1, -1 / tau**2, 1 / tau**2))
+        assert found.upper == pytest.approx(time * float(tau), rel=1e-13)
 
 
 def test_states_that_the_input_never_moves_are_dropped() -> None:

@@ -1,0 +1,165 @@
+"""Degenerate optima with fewer switches than equations: a bang-bang command that lands all the same, by what its task happens to be.
+
+A load that begins on its switching curve needs one arc for two equations, a spring over π² units one switch for four. Newton's method has
+no square system there, and a program on a grid sees arcs that are too thin to be told from none. Without these the equations are
+consistent, and least squares in many digits find the duration and the switches. What is left, some 1e-45, the input takes away after the
+move, by levels close to its final rest in pieces of a very short time: the unknowns of Krawczyk's test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+from typing import Any
+
+from flint import acb, arb, arb_mat
+
+from relaxations import certificates
+from relaxations.commands import Command, Segment, Tail
+from relaxations.digits import Equations, equations, rational
+from relaxations.frames import decimal
+from relaxations.initial import chain
+from relaxations.maneuvers import Problem
+from relaxations.plants import precision
+from relaxations.refinement import Extremal
+from relaxations.sides import MARGINS, Proof, Side, accepted, rounded
+
+BITS, BITS_PER_EQUATION = 256, 8
+THIN = 5e-2  # of the duration: an arc so thin may be none
+ITERATIONS, DIGITS = 40, 45
+CLOSED = 1e-24  # of the residual
+SHARES = (1e-13, 1e-12, 1e-11, 1e-10, 1e-9)  # of the duration: how long the input may take after the move
+ROOM = Fraction(9, 10)  # of the nearer limit's distance from the final rest
+
+
+@dataclass(frozen=True, slots=True)
+class Landing:
+    """Duration T [s], times to go of the switches [s], absolute levels in order of time to go, and a costate if it is determined."""
+
+    maneuver_time: Fraction
+    switches_to_go: tuple[Fraction, ...]
+    levels: tuple[Fraction, ...]
+    costate: tuple[Fraction, ...] | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Moments:
+    """`∫ b u - aim(T)` in long floats, with what a plant that begins elsewhere than at rest brings along."""
+
+    exact: Equations
+    begin: Sequence[list[acb]]
+    levels: Sequence[arb]
+
+    def drift(self, time: arb, derivative: bool = False) -> arb_mat:
+        """What the moments of the initial state become without input, or the derivative of that."""
+        entries: list[arb] = []
+        for (root, multiplicity, flexible), first in zip(self.exact.roots, self.begin, strict=True):
+            powers = [(root * time).exp()]
+            for k in range(1, multiplicity):
+                powers.append(powers[-1] * time / k)
+            course = [sum((first[i] * powers[k - i] for i in range(k + 1)), acb(0)) for k in range(multiplicity)]
+            if derivative:
+                course = [root * x + below for x, below in zip(course, [acb(0), *course], strict=False)]
+            entries += [part for x in course for part in ((x.real, x.imag) if flexible else (x.real,))]
+        return arb_mat(len(entries), 1, entries)
+
+    def missed(self, x: Sequence[arb]) -> tuple[arb_mat, arb_mat]:
+        """The residual at (s, T), and its derivative."""
+        jumps = [*(before - after for before, after in pairwise(self.levels)), self.levels[-1]]
+        integrals, impulses = self.exact.rows(x, True), self.exact.rows(x)
+        slopes = arb_mat([[b * jump for b, jump in zip(row, jumps, strict=True)] for row in impulses.tolist()])
+        residual = integrals * arb_mat(len(x), 1, jumps) - self.exact.target
+        if self.begin:
+            residual, last = residual + self.drift(x[-1]), self.drift(x[-1], True).entries()
+            table = slopes.tolist()
+            slopes = arb_mat([[*row[:-1], row[-1] + more] for row, more in zip(table, last, strict=True)])
+        return residual.mid(), slopes.mid()
+
+
+def landing(problem: Problem, extremal: Extremal) -> Landing | None:
+    """The command of an extremal, or of its outline, without thin arcs; None if it does not land, or is not degenerate."""
+    (plant, *others), hold = problem.plants, problem.hold
+    edges = [0.0, *extremal.switches_to_go.tolist(), extremal.maneuver_time]
+    wide = [b - a >= THIN * extremal.maneuver_time for a, b in pairwise(edges)]
+    kept = [i for i, fine in enumerate(wide) if fine]
+    if others or not problem.bang_bang or problem.tail.size or not kept or not problem.lower < hold < problem.upper:
+        return None
+    arcs = [kept[0], *(after for before, after in pairwise(kept) if extremal.levels[before] != extremal.levels[after])]
+    if len(arcs) >= problem.size:
+        return None
+    inner = any(not fine and kept[0] < i < kept[-1] for i, fine in enumerate(wide))
+    bits = BITS + BITS_PER_EQUATION * problem.size
+    with precision(bits):
+        exact, maneuver = equations(problem, bits), problem.maneuver
+        start = maneuver.initial
+        begin = [] if start is None else [chain(root, count, plant.denominator, start) for root, count, _ in exact.roots]
+        moments = _Moments(exact, begin, [arb(rational(extremal.exact_levels[i] - maneuver.rest)) for i in arcs])
+        x = [arb(edges[i]) for i in arcs[1:]] + [arb(extremal.maneuver_time)]
+        try:
+            found = _least_squares(moments, x, bits)
+            if found is None:
+                return None
+            ends = [*([arb(0)] if not wide[0] else []), *found[:-1], *([found[-1]] if not wide[-1] else [])]
+            costate = None if inner else _costate(moments, found[-1], ends)
+        except ZeroDivisionError:
+            return None
+        numbers = [decimal(value, DIGITS) for value in found]
+    return Landing(numbers[-1], tuple(numbers[:-1]), tuple(extremal.exact_levels[i] for i in arcs), costate)
+
+
+def _least_squares(moments: _Moments, x: list[arb], bits: int) -> list[arb] | None:
+    """Gauss and Newton's method: the switches and the duration at which the residual vanishes, or None."""
+    for _ in range(ITERATIONS):
+        residual, slopes = moments.missed(x)
+        turned = slopes.transpose()
+        step = (turned * slopes).mid().solve((turned * residual).mid(), algorithm="approx").entries()
+        x = [(value - change).mid() for value, change in zip(x, step, strict=True)]
+        if not all(a < b for a, b in pairwise([arb(0), *x])):
+            return None
+        if all(abs(change) < arb(2) ** (-bits // 2) * x[-1] for change in step):
+            left = max(float(abs(value).mid()) for value in moments.missed(x)[0].entries())
+            return x if left <= CLOSED else None
+    return None
+
+
+def _costate(moments: _Moments, time: arb, places: Sequence[arb]) -> tuple[Fraction, ...] | None:
+    """λ with `λ·b = 0` at these times to go and `λ·aim(T) = 1`, if there are as many equations as unknowns, or more that agree."""
+    aim = moments.exact.target - (moments.drift(time) if moments.begin else arb_mat(moments.exact.target.nrows(), 1))
+    if len(places) + 1 < aim.nrows():
+        return None
+    table = arb_mat([*([*column] for column in moments.exact.rows(places).transpose().tolist()), aim.entries()])
+    wanted = arb_mat(table.nrows(), 1, [0] * len(places) + [1])
+    turned = table.transpose()
+    found = (turned * table).mid().solve((turned * wanted).mid(), algorithm="approx").mid()
+    off = max(float(abs(value).mid()) for value in (table * found - wanted).entries())
+    return tuple(decimal(value, DIGITS) for value in found.entries()) if off < 1e-40 else None
+
+
+def settled(problem: Problem, task: dict[str, Any], extremal: Extremal) -> Proof:
+    """Both sides of a degenerate optimum as far as they are proven that way: the closest claims that are accepted."""
+    found = landing(problem, extremal)
+    if found is None:
+        return Proof()
+    proof, maneuver = Proof(), problem.maneuver
+    if found.costate is not None:
+        witness = certificates.costate_witness(problem, found.costate)
+        claims = (Side(found.maneuver_time * (1 - Fraction(margin)), witness) for margin in MARGINS)
+        proof = Proof(next((side for side in claims if accepted(task, lower=side)), None))
+    (plant, *_) = problem.plants
+    final, limits, size = maneuver.rest + plant.rest_input(maneuver.displacement), maneuver.limits, problem.size
+    starts = [Fraction(0), *(found.maneuver_time - s for s in reversed(found.switches_to_go))]
+    for share in SHARES:
+        piece = Fraction(share) * found.maneuver_time / size
+        duration = found.maneuver_time + size * piece
+        begins = [*starts, *(found.maneuver_time + k * piece for k in range(size))]
+        levels = [*reversed(found.levels), *[final] * size]
+        free: list[list[Any]] = [["level", len(starts) + k, 0] for k in range(size)]
+        radius = ROOM * min(limits.upper - final, final - limits.lower)
+        side = Side(duration, certificates.command_witness(duration, begins, levels, [], free, radius))
+        if accepted(task, upper=side):
+            arcs = zip([*starts, found.maneuver_time], [*reversed(found.levels), final], strict=True)
+            segments = tuple(Segment(float(start), float(level)) for start, level in arcs)
+            return Proof(proof.lower, side, Command(rounded(duration, float("inf")), segments, Tail(float(final))))
+    return proof
