@@ -15,8 +15,9 @@ import numpy as np
 import rfc8785
 from numpy.typing import NDArray
 
-from relaxations.boxes import Box, Family, Place, Polynomial
+from relaxations.boxes import Box, Family, Listed, Place, Polynomial
 from relaxations.maneuvers import Problem
+from relaxations.moved import Move, Moved
 from relaxations.plants import fraction
 from relaxations.prices import NONE, Prices
 from relaxations.transitions import VaryingPlant
@@ -96,16 +97,18 @@ def _box(box: Box) -> dict[str, Any]:
         upper, lower = ([text(c) for c in which] for which in box.family.written(place))
         return {"place": [text(x) for x in place], "numerator": upper, "denominator": lower}
 
-    family, parameters = (
-        box.family,
-        [{"name": a.name, "nominal": text(a.nominal), "low": text(a.low), "high": text(a.high)} for a in box.axes],
-    )
-    known = isinstance(family, Family)
+    family, parameters = box.family, []
+    for axis in box.axes:
+        move = Move.of(axis.name) if isinstance(family, Moved) else None
+        nominal = None if move is not None and move.what == "damping" else text(axis.nominal)
+        parameters.append({"name": axis.name, "nominal": nominal, "low": text(axis.low), "high": text(axis.high)})
+    # Of moved roots the names of the parameters say which plants these are.
+    coefficients = family if isinstance(family, Family) and not isinstance(family, Moved) else None
     return {
         "parameters": parameters,
-        "numerator": written(family.numerator) if known else [],
-        "denominator": written(family.denominator) if known else [],
-        "plants": [] if known else [listed(place) for place in family.places],
+        "numerator": written(coefficients.numerator) if coefficients else [],
+        "denominator": written(coefficients.denominator) if coefficients else [],
+        "plants": [listed(place) for place in family.places] if isinstance(family, Listed) else [],
         "tolerance": text(box.tolerance),
         "final_tolerance": box.final_tolerance if box.final_tolerance is None else text(box.final_tolerance),
     }

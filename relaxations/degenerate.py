@@ -9,28 +9,33 @@ move, by levels close to its final rest in pieces of a very short time: the unkn
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 from flint import acb, arb, arb_mat
 
 from relaxations import certificates
+from relaxations.bounds import Settings, cut, instants
 from relaxations.commands import Command, Segment, Tail
 from relaxations.digits import Equations, equations, rational
+from relaxations.errors import SolverError
 from relaxations.frames import decimal
 from relaxations.initial import chain
 from relaxations.maneuvers import Problem
 from relaxations.plants import precision
 from relaxations.refinement import Extremal
-from relaxations.sides import MARGINS, Proof, Side, accepted, rounded
+from relaxations.sides import MARGINS, Proof, Side, accepted, lower_side, rounded
 
 BITS, BITS_PER_EQUATION = 256, 8
 THIN = 5e-2  # of the duration: an arc so thin may be none
 ITERATIONS, DIGITS = 40, 45
 CLOSED = 1e-24  # of the residual
 SHARES = (1e-13, 1e-12, 1e-11, 1e-10, 1e-9)  # of the duration: how long the input may take after the move
+BENEATH, LAYER = (1e-12, 1e-9), 300  # of the duration: how far beneath it programs are solved; instants at either end
 ROOM = Fraction(9, 10)  # of the nearer limit's distance from the final rest
 
 
@@ -161,5 +166,22 @@ def settled(problem: Problem, task: dict[str, Any], extremal: Extremal) -> Proof
         if accepted(task, upper=side):
             arcs = zip([*starts, found.maneuver_time], [*reversed(found.levels), final], strict=True)
             segments = tuple(Segment(float(start), float(level)) for start, level in arcs)
-            return Proof(proof.lower, side, Command(rounded(duration, float("inf")), segments, Tail(float(final))))
+            command = Command(rounded(duration, float("inf")), segments, Tail(float(final)))
+            return Proof(proof.lower, side, command, final=True)
+    return proof
+
+
+def beneath(problem: Problem, task: dict[str, Any], time: float, settings: Settings) -> Proof:
+    """The lower side just beneath a duration where the reachable fraction is flat: only the costate of a program there refutes it.
+
+    One grid is dense, the other densest at both ends, where arcs may be thin.
+    """
+    proof, below = Proof(), time * (1.0 - BENEATH[0])
+    layer = below * np.geomspace(1e-10, 1e-2, LAYER)
+    ends = np.unique(np.concatenate([instants(problem, below, settings.finer(4)), layer, below - layer]))
+    for grid in (instants(problem, time * (1.0 - BENEATH[1]), settings.finer(64)), ends):
+        with suppress(SolverError):
+            solution = cut(problem, grid, 0.0)
+            posed = replace(solution.problem, maneuver=problem.maneuver)
+            proof = proof.better(Proof(lower_side(posed, task, solution, solution.maneuver_time)))
     return proof

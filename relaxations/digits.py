@@ -127,7 +127,8 @@ def _isolated(coefficients: tuple[fmpq, ...], bits: int) -> tuple[acb, ...]:
     return tuple(ball for ball, _ in cast("list[tuple[acb, int]]", fmpq_poly(list(coefficients)).complex_roots()))
 
 
-def _roots(wanted: Sequence[Pole], polynomial: fmpq_poly, bits: int) -> tuple[Root, ...]:
+def roots_near(wanted: Sequence[Pole], polynomial: fmpq_poly, bits: int) -> tuple[Root, ...]:
+    """The roots that `wanted` are in doubles, at the precision `bits`, which must be set already."""
     found = _isolated(tuple(polynomial.coeffs()), bits) if wanted else ()
     chosen = []
     for pole in wanted:
@@ -143,11 +144,11 @@ def equations(problem: Problem, bits: int) -> Equations:
         plant = problem.transition.plant
         state = arb_mat(plant.order, 1, [arb(rational(x)) for x in plant.rest(maneuver.displacement)[0]])
         return VaryingEquations((), (), state, arb_mat(plant.order, 0), (), Transition(plant, bits))
-    zeros = _roots(problem.tail.zeros, problem.plants[0].numerators[problem.plants[0].output], bits)
+    zeros = roots_near(problem.tail.zeros, problem.plants[0].numerators[problem.plants[0].output], bits)
     roots: list[Root] = []
     for plant, own in zip(problem.plants, problem.sets, strict=True):
         hold = rational(plant.rest_input(maneuver.displacement))
-        found = _roots(own.basis.poles, plant.denominator, bits)
+        found = roots_near(own.basis.poles, plant.denominator, bits)
         roots += found
         for root, multiplicity, flexible in found:
             for k in range(multiplicity):

@@ -37,7 +37,7 @@ from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
 from relaxations.courses import respects
-from relaxations.degenerate import settled
+from relaxations.degenerate import beneath, settled
 from relaxations.duality import Costate
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
@@ -121,7 +121,14 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
         enough = REGULAR if problem.bang_bang else COURSED if problem.courses or problem.rate else LIMITED
         late = factor > 1 and (problem.rate is not None or (bool(problem.courses) and proof.upper is None))  # finer grids gain little
-        if gridded or late or proof.gap <= enough or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
+        if (
+            gridded
+            or late
+            or (proof.final and proof.lower)
+            or proof.gap <= enough
+            or looked.upper is None
+            or (factor > 1 and proof.gap <= GOOD)
+        ):
             break
     if found is None:
         # Nothing is known then but that no time is less than 0.
@@ -204,6 +211,8 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         proof = Proof(proof.lower, upper, found.command if upper else None, found.switches if upper else None)
     if isinstance(extremal, Extremal) and proof.upper is None:
         proof = proof.better(settled(problem, task, extremal))
+        if proof.upper is not None and proof.lower is None and problem.begin is not None:
+            proof = proof.better(beneath(problem, task, float(proof.upper.claim), settings))
     above: programs.GridSolution | None = None
     if proof.upper is None and found.upper is not None:
         repaired, above = _repaired(problem, task, _grids(problem, found, settings))

@@ -13,15 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from relaxations.alignment import aligned, course, sharpened, tops
 from relaxations.boxes import Place, at
 from relaxations.errors import ManeuverError
 from relaxations.moments import Basis
 from relaxations.plants import LinearPlant
 
 Reals = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
-PERIODS = 8.0  # of the slowest mode: how long after the command a residual is looked at
+PERIODS = 8.0  # of the slowest mode: how long after the command a residual is followed
 LOOKS = 12  # instants in a period of the fastest mode at first
+FINE = 48  # instants in a period of the fastest mode at which its residual is followed
 MISSED = 1e-7  # relative excess between two instants that calls for another one
 WORST = 4  # instants of one plant that are added at a time
 
@@ -34,7 +37,8 @@ class Sample:
     basis: Basis
     weights: Reals
     rest: Reals
-    lasts: float  # how long its residual is looked at [s]
+    window: float  # how long its residual is followed [s]
+    lasts: float  # no instant is later [s]: so long its modes may take to meet
 
     @staticmethod
     def of(place: Place, plant: LinearPlant, hold: float) -> Sample:
@@ -50,7 +54,8 @@ class Sample:
         weights = Basis(tuple(plant.poles)).weights(plant.partial())[rigid:]
         slowest = min((abs(pole.value) for pole in basis.poles), default=1.0)
         periods = PERIODS if basis.size > 2 or any(pole.value.real for pole in basis.poles) else 1.0  # one undamped mode repeats itself
-        return Sample(place, basis, weights, basis.hold(hold), 2 * np.pi * periods / slowest)
+        window = 2 * np.pi * periods / slowest
+        return Sample(place, basis, weights, basis.hold(hold), window, window + np.pi * (tops(_modes(basis)) + 2) / slowest)
 
     @property
     def fastest(self) -> float:
@@ -69,18 +74,34 @@ class Sample:
 
     def looks(self) -> Reals:
         """Instants at which the residual is limited at first: a period of the fastest mode."""
-        return np.linspace(0.0, min(2 * np.pi / self.fastest, self.lasts), LOOKS, endpoint=False)
+        return np.linspace(0.0, min(2 * np.pi / self.fastest, self.window), LOOKS, endpoint=False)
 
-    def peaks(self, moments: Reals) -> tuple[Reals, Reals]:
-        """Instants of the local extremes (and the first instant) of the residual that moments about the rest leave; its size there."""
-        fine = np.linspace(0.0, self.lasts, int(24 * self.lasts * self.fastest / (2 * np.pi)) + 3)
-        course = self.rows(fine) @ moments
-        turns = np.flatnonzero((course[1:-1] - course[:-2]) * (course[2:] - course[1:-1]) <= 0.0) + 1
-        y0, y1, y2 = course[turns - 1], course[turns], course[turns + 1]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            shift = np.nan_to_num((y0 - y2) / (2 * (y0 - 2 * y1 + y2)), posinf=0.0, neginf=0.0)
-        found = np.concatenate([[0.0], fine[turns] + np.clip(shift, -1, 1) * (fine[1] - fine[0])])
-        return found, np.abs(self.rows(found) @ moments)
+    def motions(self, moments: Reals) -> Complexes:
+        """`Z_j` of the residual `Re Σ Z_j e^{p_j τ}` that moments about the rest leave."""
+        found, at = [], 0
+        for pole in self.basis.poles:
+            (w, m), pair = (numbers[at : at + 2] for numbers in (self.weights, moments)), pole.is_flexible
+            found.append(complex(w[0], -w[1]) * complex(m[0], m[1]) if pair else complex(w[0] * m[0]))
+            at += 1 + pair
+        return np.array(found, dtype=complex)
+
+    def peaks(self, moments: Reals, limit: float = np.inf) -> tuple[Reals, Reals]:
+        """Instants of the local extremes (and the first instant) of the residual that moments about the rest leave; its size there. Where
+        modes that add up to more than `limit` may meet later on, an instant at which they nearly do is among them."""
+        if not self.basis.size:
+            return np.zeros(1), np.zeros(1)
+        motions, poles = self.motions(moments)[None, :], np.array([[pole.value for pole in self.basis.poles]])
+        fine = np.linspace(0.0, self.window, int(FINE * self.window * self.fastest / (2 * np.pi)) + 3)
+        values = course(motions, poles, fine[None, :])[0]
+        turns = np.flatnonzero((values[1:-1] - values[:-2]) * (values[2:] - values[1:-1]) <= 0.0) + 1
+        near = fine[np.append(turns, 0)]  # it may turn before the first instant of the grid
+        where, sizes = sharpened(motions, poles, near[None, :], fine[1:2])
+        late, large = aligned(motions, poles, np.array([self.window]), limit, tops(_modes(self.basis)))
+        return np.concatenate([[0.0], where[0], late]), np.concatenate([np.abs(values[:1]), sizes[0], large])
+
+
+def _modes(basis: Basis) -> int:
+    return sum(pole.is_flexible for pole in basis.poles)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +145,7 @@ class Residuals:
         """Instants of local extremes beyond `factor` times the tolerance, of levels that reach the target."""
         found = []
         for begin, sample in zip(self.begins, self.samples, strict=True):
-            peaks, sizes = sample.peaks(sample.table(instants) @ levels - sample.rest)
+            peaks, sizes = sample.peaks(sample.table(instants) @ levels - sample.rest, self.allowed * factor)
             over = np.flatnonzero(sizes > self.allowed * factor)
             found.append(begin + peaks[over[np.argsort(-sizes[over], kind="stable")[:WORST]]])
         return np.concatenate(found)

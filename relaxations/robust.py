@@ -21,6 +21,7 @@ from relaxations.bounds import Settings, exceeded, exponent_of, first_looks, gri
 from relaxations.boxes import Box, Family, Listed, Place
 from relaxations.maneuvers import Problem, problem
 from relaxations.programs import GridSolution
+from relaxations.repair import Repaired
 from relaxations.residuals import PERIODS, Sample
 from relaxations.scans import Scan, Staircase
 from relaxations.tails import Looks
@@ -34,8 +35,10 @@ ZOOMS, SHRUNK = 8, 3.0  # such rounds, and by what its neighbourhood shrinks in 
 EXCESS = 1e-7  # relative: a tolerance that is exceeded by less is left to the hair that the proof keeps inside
 ROUGH = 1e-3  # of α, before the first places are sought
 TOLERANCE = 1e-7  # of α: closer to the root is closer than the grid
+SEEN = 1e-6  # of the tolerance: what a staircase stays below it
 ROUNDS = 60
-TOPS = 12  # local maxima over the box that become samples in one round, the worst ones
+NEARLY = 0.99  # of the tolerance: a local maximum of the grid so close to it is looked at more closely
+TOPS = 12  # local maxima over the box that are looked at in one round, the worst ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +135,12 @@ def further(posed: Problem, solution: GridSolution, inside: float) -> Problem | 
     return None if len(_samples(more)) == len(_samples(posed)) else more
 
 
+def keeps(posed: Problem, fixed: Repaired) -> bool:
+    """Whether a staircase keeps the tolerance in all of the box, as far as can be seen."""
+    levels = np.array([float(level - posed.maneuver.rest) for level in fixed.levels])
+    return not worst_places(posed, np.append(fixed.starts, fixed.maneuver_time), levels, 1.0 - SEEN)
+
+
 def _following(solution: GridSolution, tolerance: float, low: float, high: float) -> float:
     """The next time to try: a hair beyond the root that the slope points at."""
     time, off = solution.maneuver_time, -math.log(max(solution.fraction, 1e-300))
@@ -171,12 +180,15 @@ def worst_places(posed: Problem, instants: Reals, levels: Reals, factor: float) 
     command, allowed = Staircase.of(instants, levels, posed.hold), residuals.allowed * factor
     if isinstance(box.family, Listed):
         samples = ((place, Sample.of(place, plant, posed.hold)) for place, plant in box.family.plants)
-        return [place for place, sample in samples if sample.peaks(sample.table(instants) @ levels - sample.rest)[1].max() > allowed]
+        return [
+            place for place, sample in samples if sample.peaks(sample.table(instants) @ levels - sample.rest, allowed)[1].max() > allowed
+        ]
     sides = [np.linspace(float(a.low), float(a.high), _fine(box)) if a.high > a.low else np.array([float(a.low)]) for a in box.axes]
-    sizes = _scan(box, posed).sizes(command, PERIODS).reshape([len(side) for side in sides])
-    over = [at for at in np.ndindex(*sizes.shape) if sizes[at] > allowed and sizes[at] >= _around(sizes, at).max()]
-    over.sort(key=lambda at: -sizes[at])
-    return [_top(box, posed, command, np.array([side[i] for side, i in zip(sides, at, strict=True)])) for at in over[:TOPS]]
+    sizes = _scan(box, posed).sizes(command, PERIODS, allowed).reshape([len(side) for side in sides])
+    near = [at for at in np.ndindex(*sizes.shape) if sizes[at] > NEARLY * allowed and sizes[at] >= _around(sizes, at).max()]
+    near.sort(key=lambda at: -sizes[at])
+    tops = (_top(box, posed, command, allowed, np.array([side[i] for side, i in zip(sides, at, strict=True)])) for at in near[:TOPS])
+    return [place for place, size in tops if size > allowed]
 
 
 def _fine(box: Box) -> int:
@@ -198,20 +210,22 @@ def _around(sizes: Reals, at: tuple[int, ...]) -> Reals:
     return sizes[tuple(slice(max(i - 1, 0), i + 2) for i in at)]
 
 
-def _top(box: Box, posed: Problem, command: Staircase, start: Reals) -> Place:
-    """The local maximum of the residual near a place, by grids that shrink around the best place so far."""
+def _top(box: Box, posed: Problem, command: Staircase, allowed: float, start: Reals) -> tuple[Place, float]:
+    """The local maximum of the residual near a place, and its size, by grids that shrink around the best place so far."""
     assert isinstance(box.family, Family)
     low, high = (np.array([float(side) for side in sides]) for sides in zip(*((a.low, a.high) for a in box.axes), strict=True))
-    count, width, best = NEARER.get(len(box.axes), 3), (high - low) / (_fine(box) - 1), start
+    count, width, best, size = NEARER.get(len(box.axes), 3), (high - low) / (_fine(box) - 1), start, 0.0
     for _ in range(ZOOMS):
         values = [
             np.linspace(max(x - w, a), min(x + w, b), count) if w > 0 else np.array([x])
             for x, w, a, b in zip(best, width, low, high, strict=True)
         ]
         places = np.array([*itertools.product(*values), best])
-        best = places[int(np.argmax(Scan.of(box.family, posed.size, places).sizes(command, PERIODS)))]
+        sizes = Scan.of(box.family, posed.size, places).sizes(command, PERIODS, allowed)
+        best, size = places[int(np.argmax(sizes))], float(sizes.max())
         width = width / SHRUNK
     shares = (round(float(s) * 2**24) for s in (best - low) / np.where(high > low, high - low, 1.0))
-    return tuple(
+    place = tuple(
         axis.low + (axis.high - axis.low) * Fraction(min(max(s, 0), 2**24), 2**24) for s, axis in zip(shares, box.axes, strict=True)
     )
+    return place, size

@@ -13,12 +13,14 @@ from relaxations.boxes import Listed
 from relaxations.commands import Command, Tail
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
-from relaxations.repair import SNAP
-from relaxations.robust import Sampled, at_rest_at_once, minimum, within
+from relaxations.repair import SNAP, repair
+from relaxations.robust import Sampled, at_rest_at_once, keeps, minimum, within
 from relaxations.sides import Proof, concluded, instant_proof, landed, lower_side
 
 HELD = (2e-5, 6e-5, 3e-4)
 """How far beyond it a command may go that is to hold in a whole box."""
+
+SNAPS = (1e-4, 1e-5, 1e-6)
 
 FINER = (1, 4, 16, 64)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
@@ -67,11 +69,21 @@ def robust_time(problem: Problem, task: dict[str, Any], settings: Settings, near
     return done
 
 
+def _snap(found: Sampled) -> float:
+    """The largest distance from a limit, of the range, at which levels may be put on it: the fewer there are, the less is to be checked."""
+    assert found.solution is not None
+    for snap in SNAPS:
+        fixed = repair(found.solution, snap)
+        if fixed is not None and keeps(found.problem, fixed):
+            return snap
+    return SNAP
+
+
 def _held(task: dict[str, Any], found: Sampled, settings: Settings) -> tuple[Proof, Sampled]:
     """The upper side of a robust task: a command whose residual is proven over the whole box, as little beyond the minimum as works."""
     for beyond in HELD:
         found, clean = within(found, beyond, settings)
         assert found.solution is not None
-        if clean and (proof := landed(found.problem, task, found.solution, SNAP)) is not None:
+        if clean and (proof := landed(found.problem, task, found.solution, _snap(found))) is not None:
             return proof, found
     return Proof(), found

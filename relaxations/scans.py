@@ -7,14 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from relaxations.alignment import aligned, course, sharpened
 from relaxations.boxes import Family
 
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-PER_PERIOD = 24  # instants in a period of the fastest mode
+PER_PERIOD = 48  # instants in a period of the fastest mode
 MOST = 20_000  # instants for one plant
 LASTING = 1e-9  # -Re p / |p|: with less, two modes meet at their worst at last, however long that takes
+LATE = 1024  # tops of the largest mode at which several modes may meet
 CHUNK = 1_000_000  # instants of all plants that are looked at together
 
 
@@ -58,8 +60,9 @@ class Scan:
         sound = np.where(poles == 0.0, 1e-300, np.minimum(poles.real, 0.0) + 1j * poles.imag)
         return Scan(places, sound, np.nan_to_num(weights * counted, posinf=0.0, neginf=0.0))
 
-    def sizes(self, command: Staircase, periods: float) -> Reals:
-        """The peak of each plant's residual, looked at for so many `periods` of its slowest mode; where modes last, their sum."""
+    def sizes(self, command: Staircase, periods: float, limit: float = np.inf) -> Reals:
+        """The peak of each plant's residual, followed for so many `periods` of its slowest mode, and where several modes that add up to
+        more than `limit` meet later; where modes last, their sum."""
         if not self.poles.shape[1]:
             return np.zeros(len(self.places))
         grown = np.exp(self.poles[:, :, None] * command.to_go)
@@ -70,25 +73,21 @@ class Scan:
         steps = 2 * np.pi * periods / slowest / (count - 1)
         lasting = (-self.poles.real <= LASTING * np.abs(self.poles)).all(axis=1)
         peaks = np.where(lasting, moduli.sum(axis=1), 0.0)
-        for part in np.array_split(np.flatnonzero(~lasting), int(np.count_nonzero(~lasting) * count // CHUNK) + 1):
+        fading = np.flatnonzero(~lasting)
+        for part in np.array_split(fading, int(len(fading) * count // CHUNK) + 1):
             peaks[part] = _peaks(motions[part], self.poles[part], steps[part], count)
+        if len(fading) and np.count_nonzero(self.poles.imag > 0.0, axis=1).max() > 1:
+            late = aligned(motions[fading], self.poles[fading], (steps * (count - 1))[fading], limit, LATE)[1]
+            peaks[fading] = np.maximum(peaks[fading], late)
         return peaks
 
 
 def _peaks(motions: Complexes, poles: Complexes, steps: Reals, count: int) -> Reals:
-    """`max |Re Σ_j Z_j e^{p_j τ}|` over `count` instants from 0 on, and where a parabola through the largest has its top: (k,)."""
-
-    def course(times: Reals) -> Reals:
-        return np.sum([(z[:, None] * np.exp(p[:, None] * times)).real for z, p in zip(motions.T, poles.T, strict=True)], axis=0)
-
-    values = course(np.arange(count) * steps[:, None])
-    rows, top = np.arange(len(values)), np.clip(np.abs(values).argmax(axis=1), 1, count - 2)
-    before, at, after = (values[rows, top + k] for k in (-1, 0, 1))
-    bend = before - 2 * at + after
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shift = np.clip(np.nan_to_num((before - after) / (2 * bend)), -1, 1)
-    near = course(np.maximum(top + shift, 0.0)[:, None] * steps[:, None])[:, 0]
-    return np.maximum(np.abs(values).max(axis=1), np.abs(near))
+    """`max |Re Σ_j Z_j e^{p_j τ}|` over `count` instants from 0 on, and about the largest: (k,)."""
+    values = course(motions, poles, np.arange(count) * steps[:, None])
+    later = (np.abs(values[:, 2:]).argmax(axis=1) + 2) * steps  # extremes may lie close together just after the command
+    near = sharpened(motions, poles, np.stack([np.zeros(len(later)), steps, later], axis=1), steps)[1].max(axis=1)
+    return np.maximum(np.abs(values).max(axis=1), near)
 
 
 def _valued(coefficients: Reals, points: Complexes) -> Complexes:

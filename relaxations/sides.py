@@ -40,7 +40,7 @@ class Side:
 class Proof:
     """What has been proven so far; the upper side with its command and number of switches (None: a staircase).
 
-    `content` is the certificate of both sides, where they were proven together.
+    `content` is the certificate of both sides, where they were proven together; `final` says that no finer grid finds a better upper side.
     """
 
     lower: Side | None = None
@@ -48,6 +48,7 @@ class Proof:
     command: Command | None = None
     switches: int | None = None
     content: bytes | None = None
+    final: bool = False
 
     @property
     def gap(self) -> float:
@@ -65,7 +66,7 @@ class Proof:
         lower = max((side for side in (self.lower, other.lower) if side), key=lambda side: side.claim, default=None)
         first = other.upper is None or (self.upper is not None and self.upper.claim <= other.upper.claim)
         above = self if first else other
-        return Proof(lower, above.upper, above.command, above.switches)
+        return Proof(lower, above.upper, above.command, above.switches, final=above.final)
 
 
 def concluded(task: dict[str, Any], proof: Proof, found: Bound, seconds: float) -> Bound:

@@ -11,8 +11,10 @@ from fractions import Fraction
 from fmus.errors import FmuError
 from fmus.twins import linear_plant as twin_plant
 from fmus.twins import read_twin, twin_family
-from relaxations.boxes import Axis, Box, Listed
+from relaxations.boxes import Axis, Box, Family, Listed
 from relaxations.errors import ManeuverError, PlantError
+from relaxations.moved import Move, moved, nominal
+from relaxations.moved import axis as moved_axis
 from relaxations.plants import LinearPlant
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.study import FmuPlant, ModalPlant, Plant, RootsPlant, StateSpacePlant, Study, TransferPlant
@@ -66,15 +68,15 @@ def linear_plant(plant: Plant, parameters: Mapping[str, Value] | None = None) ->
 
 
 def box(study: Study, nominal: LinearPlant) -> Box:
-    """The plants over the study's whole box, of which `nominal` is one; raises `StudyError` for a plant given as numbers.
+    """The plants over the study's whole box, of which `nominal` is one; raises `StudyError` if it is none.
 
-    By an FMU's linear twin they are one family in closed form. Without, those of the study's grid are linearised one by one, each in a
-    child process, and nothing is known between them.
+    Uncertain modes and zeros are those of the linear plant, whatever it comes from. By an FMU's linear twin the plants are one family in
+    closed form. Without, those of the study's grid are linearised one by one, each in a child process, and nothing is known between them.
     """
-    source, final = study.plant.source, study.command.final_tolerance
-    if not isinstance(source, FmuPlant):
-        why = "needs an FMU, whose parameters are uncertain: this version knows no uncertain modes of a plant given as numbers"
-        raise StudyError(str(study.file), [Mistake("command.robustness", "box", why)])
+    source = study.plant.source
+    if any(axis.moves_a_root for axis in study.uncertainties):
+        return _moved(study, nominal)
+    assert isinstance(source, FmuPlant)  # numbers have no other parameters
     names = [axis.parameter for axis in study.uncertainties]
     try:
         axes = tuple(
@@ -86,11 +88,28 @@ def box(study: Study, nominal: LinearPlant) -> Box:
             family = twin_family(source.archive.twin, study.plant.output, names, source.parameters)
         else:
             family = _listed(study, tuple(axis.nominal for axis in axes), nominal)
-        return Box(axes, family, Fraction(study.command.tolerance or 0), final_tolerance=None if final is None else Fraction(final))
+        return _box(study, axes, family)
     except ManeuverError as problem:
         raise StudyError(str(study.file), [Mistake("uncertainty", ABSENT, str(problem))]) from problem
     except FmuError as problem:
         raise StudyError(str(study.file), [Mistake("plant", ABSENT, str(problem))]) from problem
+
+
+def _box(study: Study, axes: tuple[Axis, ...], family: Family | Listed) -> Box:
+    final = study.command.final_tolerance
+    return Box(axes, family, Fraction(study.command.tolerance or 0), final_tolerance=None if final is None else Fraction(final))
+
+
+def _moved(study: Study, nominal: LinearPlant) -> Box:
+    mistakes, axes = [], []
+    for item, axis in enumerate(study.uncertainties, 1):
+        try:
+            axes.append(moved_axis(nominal, axis.parameter, Fraction(axis.lower), Fraction(axis.upper)))
+        except ManeuverError as problem:
+            mistakes.append(Mistake(f"uncertainty[{item}]", ABSENT, str(problem)))
+    if mistakes:
+        raise StudyError(str(study.file), mistakes)
+    return _box(study, tuple(axes), moved(nominal, axes))
 
 
 def _listed(study: Study, usual: tuple[Fraction, ...], nominal: LinearPlant) -> Listed:
@@ -104,7 +123,9 @@ def _listed(study: Study, usual: tuple[Fraction, ...], nominal: LinearPlant) -> 
 
 
 def nominal_value(study: Study, parameter: str) -> Fraction:
-    """An uncertain parameter's nominal value: the study's, else the FMU's start value."""
+    """An uncertain parameter's nominal value: the study's, else the FMU's start value; that of a root in the nominal plant."""
+    if Move.of(parameter) is not None:
+        return nominal(nominal_plant(study), parameter)
     fmu = study.plant.fmu
     assert fmu is not None
     if parameter in fmu.parameters:

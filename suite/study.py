@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Literal
 
 from fmus.confinement import Confinement
 from relaxations.commands import Command
-from relaxations.shaper_kinds import Request
+from relaxations.moved import Move
+from relaxations.shaper_requests import Request
 from suite.quantity_names import Quantity
 
 if TYPE_CHECKING:
@@ -217,13 +218,19 @@ class Simulation:
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """An FMU parameter that lies in [lower, upper] (its own `unit`), sampled at `samples` equally spaced values."""
+    """A parameter that lies in [lower, upper] (its own `unit`), sampled at `samples` equally spaced values: an FMU's, or one that moves a
+    root of the linear plant (`relaxations.moved`)."""
 
     parameter: str
     lower: Decimal
     upper: Decimal
     samples: int
     unit: str = ""
+
+    @property
+    def moves_a_root(self) -> bool:
+        """Whether it is a mode's frequency or damping, or a zero."""
+        return Move.of(self.parameter) is not None
 
     @property
     def values(self) -> tuple[Fraction, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
@@ -14,7 +14,10 @@ from typing import Any, TypeVar
 from fmus.confinement import MEBIBYTE, Confinement
 from fmus.errors import FmuError
 from relaxations.commands import Command
-from relaxations.errors import PlantError
+from relaxations.errors import ManeuverError, PlantError
+from relaxations.moved import Move
+from relaxations.moved import axis as moved_axis
+from relaxations.plants import LinearPlant
 from suite import schema
 from suite.errors import ABSENT, Mistake
 from suite.plants import linear_plant
@@ -28,7 +31,6 @@ from suite.study_shaper import read_command, understand_shaper
 from suite.study_units import convert_units
 
 TRIED = 200  # plants of one axis that are built to see whether they exist: 0.5 ms each
-LINEAR_PARAMETER = re.compile(r"(mode\[[1-9]\d*\]\.(frequency|damping)|zero\[[1-9]\d*\])\Z")
 ROUNDING = 1e-9  # of the distance between the limits
 PURE_UNITS = {"1", "-", "–"}
 Item = TypeVar("Item")
@@ -57,8 +59,10 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
     if command is not None and command.given is not None and written.command is not None and written.limits is not None:
         _within(command.given, written.command.file, written.limits, plant, mistakes)
     if plant is not None and written.maneuver is not None and written.limits is not None:
-        _task(plant, _maneuver(written.maneuver), written.limits, mistakes)
-        _box(plant, [(i, axis) for i, axis in enumerate(uncertainties, 1) if axis is not None], mistakes)
+        linear = _task(plant, _maneuver(written.maneuver), written.limits, mistakes)
+        axes = [(i, axis) for i, axis in enumerate(uncertainties, 1) if axis is not None]
+        _box(plant, [(i, axis) for i, axis in axes if not axis.moves_a_root], mistakes)
+        _roots(plant, linear, axes, mistakes)
     # A value whose unit is wrong is still text, which is refused once more where a number is wanted.
     spoilt = [mistake.path for mistake in unit_mistakes]
     mistakes = unit_mistakes + [m for m in mistakes if not any(path == m.path or path.startswith(f"{m.path}[") for path in spoilt)]
@@ -88,7 +92,7 @@ def understand(data: Mapping[str, Any], file: Path, source: bytes) -> tuple[Stud
         uncertainties=tuple(axis for axis in uncertainties if axis is not None),
         requirements=tuple(requirement for requirement in requirements if requirement is not None),
         keep_logs=written.keep.logs,
-        notes=tuple(_notes(written.command)),
+        notes=tuple(_notes(written.command, uncertainties)),
         conversions=conversions,
     )
     return study, []
@@ -114,8 +118,8 @@ def _maneuver(written: schema.Maneuver) -> Maneuver:
     return Maneuver(written.displacement, written.initial_state, written.scale)
 
 
-def _task(plant: Plant, maneuver: Maneuver, limits: schema.Limits, mistakes: list[Mistake]) -> None:
-    """The limits contain the input at both rests, and the plant is one that can rest."""
+def _task(plant: Plant, maneuver: Maneuver, limits: schema.Limits, mistakes: list[Mistake]) -> LinearPlant | None:
+    """The limits contain the input at both rests, and the plant is one that can rest: the linear one, if it can be told."""
     lower, upper = limits.input
     rest = plant.initial_input
     if not lower <= rest <= upper:
@@ -125,13 +129,13 @@ def _task(plant: Plant, maneuver: Maneuver, limits: schema.Limits, mistakes: lis
             mistakes.append(
                 Mistake("maneuver.initial_state", ABSENT, "needs a linear plant whose states are known: an FMU's twin, or numbers")
             )
-        return  # only running its code, which reading a study does not, can tell
+        return None  # only running its code, which reading a study does not, can tell
     try:
         linear = linear_plant(plant)
         final = Fraction(rest) + linear.rest_input(Fraction(maneuver.displacement))
     except PlantError as problem:
         mistakes.append(Mistake("plant", ABSENT, str(problem)))
-        return
+        return None
     mistakes.extend(start_mistakes(plant, maneuver, linear))
     if final != rest and limits.fuel is not None:
         hold = float(final - Fraction(rest))
@@ -141,6 +145,23 @@ def _task(plant: Plant, maneuver: Maneuver, limits: schema.Limits, mistakes: lis
         mistakes.append(
             Mistake("limits.input", [lower, upper], f"must contain the input that holds the plant at its final rest, {float(final):.10g}")
         )
+    return linear
+
+
+def _roots(plant: Plant, linear: LinearPlant | None, axes: list[tuple[int, Uncertainty]], mistakes: list[Mistake]) -> None:
+    """Modes and zeros that are uncertain exist, and their ranges contain the nominal plant; they do not go with an FMU's own parameters."""
+    moving = [(item, axis) for item, axis in axes if axis.moves_a_root]
+    for item, axis in axes if plant.fmu is not None and moving else ():
+        if not axis.moves_a_root:
+            why = f"is a parameter of the FMU, and {moving[0][1].parameter} belongs to its linear plant: a box is of one kind"
+            mistakes.append(Mistake(f"uncertainty[{item}].parameter", axis.parameter, why))
+    if linear is None:
+        return
+    for item, axis in moving:
+        try:
+            moved_axis(linear, axis.parameter, Fraction(axis.lower), Fraction(axis.upper))
+        except ManeuverError as problem:
+            mistakes.append(Mistake(f"uncertainty[{item}]", ABSENT, str(problem)))
 
 
 def _box(plant: Plant, axes: list[tuple[int, Uncertainty]], mistakes: list[Mistake]) -> None:
@@ -235,11 +256,10 @@ def _simulation(written: schema.Simulation) -> Simulation:
 
 def _uncertainty(written: schema.Uncertainty, item: int, names: PlantNames | None, mistakes: list[Mistake]) -> Uncertainty | None:
     path, parameter = f"uncertainty[{item}].parameter", written.parameter
-    if LINEAR_PARAMETER.match(parameter):
-        mistakes.append(Mistake(path, parameter, "is not supported by this version; parameters of an FMU are supported"))
-        return None
     if names is None or written.range is None:
         return None
+    if Move.of(parameter) is not None:
+        return Uncertainty(parameter, *written.range, GRID if written.samples is None else written.samples)
     try:
         variable = names.parameter(parameter)
     except ValueError as problem:
@@ -307,10 +327,17 @@ def _plain(unit: str) -> str:
     return re.sub(r"\s*[·⋅*.\s]\s*", ".", unit.strip())
 
 
-def _notes(command: schema.Command | None) -> list[str]:
-    if command is None or command.robustness == "box" or command.kind == "shaper":
+def _notes(command: schema.Command | None, axes: Iterable[Uncertainty | None]) -> list[str]:
+    if command is None or command.robustness == "box":
         return []
-    return [
+    unused = [
+        f'{axis.parameter} changes nothing here: only robustness = "box" looks at plants whose modes or zeros are elsewhere'
+        for axis in axes
+        if axis is not None and axis.moves_a_root
+    ]
+    if command.kind == "shaper":
+        return unused
+    return unused + [
         f'command.{key} changes nothing here: it belongs to robustness = "box", and this command brings the nominal plant exactly to rest'
         for key in ("tolerance", "final_tolerance")
         if getattr(command, key) is not None

@@ -18,6 +18,7 @@ from typing import Any
 from fmus.descriptions import Description
 from fmus.errors import FmuError
 from fmus.variables import REAL_TYPES, Unit, Variable, element_indices
+from relaxations.moved import Move
 from suite import units
 from suite.errors import Mistake
 from suite.quantity_names import QUANTITIES, UnitKind, parse_quantity
@@ -137,7 +138,7 @@ def _input(u: _Units, table: Mapping[str, Any], key: str) -> Wanted:
 
 def _axis(u: _Units, table: Mapping[str, Any], key: str) -> Wanted:
     parameter = str(table.get("parameter"))
-    if re.match(r"(mode\[\d+\]\.(frequency|damping)|zero\[\d+\])\Z", parameter):
+    if Move.of(parameter) is not None:
         return Wanted("1", ONE)
     return u.of(parameter, difference=False)
 

@@ -58,6 +58,10 @@ def verify(
     fmu = study.plant.fmu
     if fmu is None:
         raise refusal(study, "plant.fmu", "is missing: verify runs the command on an FMU (bound does not need one)")
+    for item, axis in enumerate(study.uncertainties, 1):
+        if axis.moves_a_root:
+            why = f"{axis.parameter} belongs to the linear plant, and no FMU can be set to it: bound proves commands for such a box; "
+            raise refusal(study, f"uncertainty[{item}].parameter", f"{why}runs are made over parameters of the FMU")
     check(folder, study, resume=resume, force=force)
     made = on_grid(study, design(study))
     planned = _planned(study, made)

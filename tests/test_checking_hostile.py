@@ -135,6 +135,7 @@ print(sorted(name for name in sys.modules if name.startswith(("relaxations", "su
         ".checking.boxes",
         ".checking.claims",
         ".checking.courses",
+        ".checking.families",
         ".checking.lower",
         ".checking.members",
         ".checking.ramps",

@@ -9,12 +9,14 @@ import pytest
 from problems import transfer, two_mass
 
 from relaxations import certificates
-from relaxations.bounds import bracket, contacts
+from relaxations.bounds import Status, bracket, contacts
+from relaxations.checking.claims import Outcome, check
 from relaxations.degenerate import landing, settled
 from relaxations.initial import from_output
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant, exact
 from relaxations.programs import GridSolution
+from relaxations.proofs import minimum_time
 from relaxations.refinement import Extremal, outline
 from relaxations.sides import Proof
 
@@ -63,6 +65,21 @@ def test_the_command_is_proven_to_land_close_to_its_closed_form(name: str) -> No
     assert command.maneuver_time == pytest.approx(float(upper.claim), rel=2e-16)
     assert [segment.level for segment in command.segments[:-1]] == [float(level) for level in reversed(found.levels)]
     assert command.segments[-1].level == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "gap"),
+    [("spring over π² units", 2e-11), ("body on its switching curve", 2e-12), ("pendulum two units from rest", 3e-5)],
+)
+def test_both_sides_are_proven(name: str, gap: float) -> None:
+    asked, time, _, _ = CASES[name]
+    found = minimum_time(asked)
+    assert found.status is Status.PROVED, found.reason
+    assert found.upper is not None
+    assert found.lower <= time * (1 + 4e-16) <= found.upper * (1 + 4e-16)
+    assert found.upper / found.lower - 1 < gap
+    assert found.certificate is not None
+    assert check(found.certificate).outcome is Outcome.PROVED
 
 
 @pytest.mark.parametrize(

@@ -202,10 +202,10 @@ def test_a_key_that_this_version_cannot_honour_is_refused_not_ignored(tmp_path: 
     assert "not supported by this version" in found[place]
 
 
-def test_linear_parameters_are_refused_not_ignored(tmp_path: Path) -> None:
+def test_roots_that_a_plant_does_not_have(tmp_path: Path) -> None:
     for parameter in ("mode[1].frequency", "mode[2].damping", "zero[1]"):
         found = mistakes(tmp_path, RIGID + f"[[uncertainty]]\nparameter = '{parameter}'\nrange = [0.9, 1.1]\n")
-        assert "not supported by this version" in found["uncertainty[1].parameter"]
+        assert "it has neither flexible modes nor zeros" in found["uncertainty[1]"]
 
 
 def test_the_input_that_the_command_drives_cannot_be_held_too(tmp_path: Path) -> None:

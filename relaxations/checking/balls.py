@@ -125,12 +125,18 @@ def isolated(polynomial: fmpq_poly) -> tuple[Root, ...]:
     return tuple(found)
 
 
+def on_axis(polynomial: fmpq_poly) -> int:
+    """How many distinct pairs of roots lie on the imaginary axis, the origin aside: exactly those common to P(s) and P(-s)."""
+    beside = fmpq_poly(polynomial.coeffs()[next(k for k, c in enumerate(polynomial.coeffs()) if c != 0) :])
+    common = beside.gcd(fmpq_poly([c * (-1) ** k for k, c in enumerate(beside.coeffs())]))
+    squares = isolated(fmpq_poly(common.coeffs()[::2]))  # in w = s²: the common part is even
+    return sum(not w.flexible and bool(w.value.real < 0) for w in squares)
+
+
 def stable(numerator: fmpq_poly) -> tuple[Root, ...]:
-    """The zeros strictly left of the imaginary axis. Those on it are common to N(s) and N(-s), and counted there exactly."""
-    common = numerator.gcd(fmpq_poly([c * (-1) ** k for k, c in enumerate(numerator.coeffs())]))
-    squares = isolated(fmpq_poly(common.coeffs()[::2]))  # in w = s²: the common part is even, for N(0) is not 0
-    on_axis, zeros = sum(not w.flexible and bool(w.value.real < 0) for w in squares), isolated(numerator)
-    if sum(not (zero.value.real < 0 or zero.value.real > 0) for zero in zeros) != on_axis:
+    """The zeros strictly left of the imaginary axis."""
+    zeros = isolated(numerator)
+    if sum(not (zero.value.real < 0 or zero.value.real > 0) for zero in zeros) != on_axis(numerator):
         raise Undecided("a zero is not told from the imaginary axis at this precision")
     return tuple(zero for zero in zeros if zero.value.real < 0)
 

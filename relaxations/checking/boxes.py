@@ -1,7 +1,7 @@
 """The robust task: one command for every plant in a box of parameters, a residual within a tolerance instead of rest.
 
-The plants are one transfer function whose coefficients are polynomials in the parameters. Beside the poles at the origin, where all of
-them must be at rest together, the output of one of them moves after the command as `r(τ) = Re Σ Z_j e^{p_j τ}`,
+The plants are given by parameters in one way or the other (`families`). Beside the poles at the origin, where all of them must be at
+rest together, the output of one of them moves after the command as `r(τ) = Re Σ Z_j e^{p_j τ}`,
 
     Z_j = (1 or 2) N(p_j) / D'(p_j) · (1/p_j) Σ jumps e^{p_j s}     s: time to go of each jump of the input, the last one to u_ss at s = 0
 
@@ -11,19 +11,20 @@ and p_j over cells of the box.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import combinations_with_replacement, pairwise
 from typing import Any
 
-import flint
-from flint import acb, acb_poly, arb, fmpq, fmpq_poly
+from flint import acb, acb_series, arb, fmpq
 
-from relaxations.checking.balls import Root, System, Wave, isolated, spend
-from relaxations.checking.members import halved, lands, member, rigid
+from relaxations.checking.balls import Root, System, Wave, spend
+from relaxations.checking.families import Line, Moved, Written, family, over
+from relaxations.checking.members import Numbers, halved, lands
 from relaxations.checking.reading import Refuted, Undecided, require
 
-Numbers = Sequence[arb | fmpq]
+Jumps = Sequence[tuple[arb, arb]]
+Way = tuple[int, ...]  # the parameters that grow along it; of the lines through a cell none
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,19 +35,14 @@ class Sample:
     weights: tuple[acb, ...]
 
 
-def sample(task: Any, place: Sequence[fmpq]) -> Sample:
+def sample(plants: Written | Moved, place: Sequence[fmpq]) -> Sample:
     """The plant at an exact place; raises `Malformed` outside the box, `Undecided` at repeated poles."""
-    box = task.box
+    box = plants.task.box
     inside = len(place) == len(box.parameters) and all(p.low <= x <= p.high for p, x in zip(box.parameters, place, strict=True))
     require(inside, "a sample lies in the box")
-    numerator, denominator = (fmpq_poly(member(box, place, which)) for which in ("numerator", "denominator"))
-    require(not denominator.is_zero(), "a sample of the box is no plant")
-    roots = tuple(root for root in isolated(denominator) if not root.value.is_zero())
-    if any(root.multiplicity > 1 for root in roots):
-        raise Undecided("a plant of the box has a repeated pole beside the origin")
-    slope = acb_poly(denominator.derivative())
-    weights = tuple((1 + root.flexible) * acb_poly(numerator)(root.value) / slope(root.value) for root in roots)
-    return Sample(roots, weights)
+    roots = plants.roots(place)
+    weights = plants.weights(place, [acb_series([root.value]) for root in roots])
+    return Sample(roots, tuple((1 + root.flexible) * weight[0] for root, weight in zip(roots, weights, strict=True)))
 
 
 def relaxed(system: System, samples: Any) -> tuple[tuple[Root, ...], list[arb], arb]:
@@ -54,11 +50,13 @@ def relaxed(system: System, samples: Any) -> tuple[tuple[Root, ...], list[arb], 
 
     With ν = μ⁻ - μ⁺ the costate gains `Re Σ ν w e^{pτ} e^{ps}`, and the left side `ν Re Σ w e^{pτ} u_ss/(-p) - (μ⁺ + μ⁻) V |Δ|`.
     """
+    if not samples:
+        return (), [], arb(0)
     roots: list[Root] = []
     numbers: list[arb] = []
-    gain, allowed = arb(0), (system.task.box.tolerance if samples else fmpq(0)) * abs(system.task.displacement)
+    plants, gain, allowed = family(system.task), arb(0), system.task.box.tolerance * abs(system.task.displacement)
     for written in samples:
-        plant = sample(system.task, written.place)
+        plant = sample(plants, written.place)
         factors = [acb(0)] * len(plant.roots)
         for contact in written.residual:
             force = contact.lower - contact.upper
@@ -75,84 +73,104 @@ def relaxed(system: System, samples: Any) -> tuple[tuple[Root, ...], list[arb], 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Over a cell: poles p_j and motions Z_j, and their derivatives by every parameter."""
+    """Poles p_j and motions Z_j along a line of places, as series."""
 
-    poles: list[acb]
-    sizes: list[acb]
-    drifts: list[list[acb]]  # of the poles, [parameter][pole]
-    slopes: list[list[acb]]  # of the motions
+    poles: list[acb_series]
+    sizes: list[acb_series]
+
+    def course(self, span: arb) -> acb_series:
+        """`Σ Z_j e^{p_j τ}` for the instants of a ball."""
+        spend(8 * len(self.poles))
+        return sum((size * (pole * span).exp() for pole, size in zip(self.poles, self.sizes, strict=True)), acb_series([0]))
 
 
-def motion(task: Any, jumps: Sequence[tuple[arb, arb]], cell: Numbers, poles: Sequence[acb], flexible: Sequence[bool]) -> Motion:
-    """`Z_j` and its derivatives: by the implicit function `dp/dθ = -D_θ/D_s`, all over the balls of the cell and of its poles."""
-    box = task.box
-    N, D = (acb_poly(member(box, cell, which)) for which in ("numerator", "denominator"))
-    Ns, Ds, Dss = N.derivative(), D.derivative(), D.derivative().derivative()
-    turned = [[acb_poly(member(box, cell, which, q)) for which in ("numerator", "denominator")] for q in range(len(cell))]
-    found = Motion(list(poles), [], [[] for _ in cell], [[] for _ in cell])
-    for p, pair in zip(poles, flexible, strict=True):
+def motion(plants: Written | Moved, jumps: Jumps, line: Line, starts: Sequence[acb], flexible: Sequence[bool]) -> Motion:
+    """The motions after the command, all over the balls of the line and of the poles that it begins with."""
+    poles, sizes = plants.poles(line, starts), []
+    for pole, weight, pair in zip(poles, plants.weights(line, poles), flexible, strict=True):
         spend(6 * len(jumps))
-        powers = [(p * s).exp() * jump for s, jump in jumps]
-        total, rising = sum(powers, acb(0)), sum((power * s for power, (s, _) in zip(powers, jumps, strict=True)), acb(0))
-        numerator, slope = N(p), Ds(p)
-        below = slope * p
-        weight = (1 + pair) * numerator / below
-        found.sizes.append(weight * total)
-        for q, (Nq, Dq) in enumerate(turned):
-            drift = -Dq(p) / slope
-            change = (1 + pair) * (Ns(p) * drift + Nq(p)) / below - weight * ((Dss(p) * drift + Dq.derivative()(p)) / slope + drift / p)
-            found.drifts[q].append(drift)
-            found.slopes[q].append(change * total + weight * drift * rising)
-    return found
+        sizes.append((1 + pair) * over(weight, pole) * sum(((pole * s).exp() * jump for s, jump in jumps), acb_series([0])))
+    return Motion(poles, sizes)
 
 
-def tracked(task: Any, cell: Numbers, centre: Sequence[fmpq]) -> tuple[list[acb], list[acb], list[bool]] | None:
-    """The poles at the centre, and balls that hold those of every plant of the cell (interval Newton); None if the cell is too large."""
-    box, count = task.box, rigid(task)
-    exact = fmpq_poly(member(box, centre, "denominator"))
-    roots = [root for root in isolated(exact) if not root.value.is_zero()]
-    if any(root.multiplicity > 1 for root in roots):
-        raise Undecided("a plant of the box has a repeated pole beside the origin")
-    whole = [arb(c) for c in member(box, cell, "denominator")]
-    if not whole or whole[-1].contains(0) or whole[count].contains(0) or not all(c.is_zero() for c in whole[:count]):
-        return None  # somewhere in the cell a plant has other poles, in number or at the origin
-    D, even = acb_poly(whole[count:]), all(c.is_zero() for c in whole[count + 1 :: 2])
-    found = []
-    for root in roots:
-        if even:  # in w = p²: real and negative for an undamped plant, and its poles stay on the axis
-            w = enclosed(acb_poly(list(D)[::2]), acb((root.value * root.value).real))
-            if w is None or not (w.real < 0 or w.real > 0):
-                return None
-            found.append(acb(0, (-w.real).sqrt()) if w.real < 0 else acb((w.real).sqrt() if root.value.real > 0 else -(w.real).sqrt()))
-        else:
-            ball = enclosed(D, root.value)
-            if ball is None or (root.flexible and not ball.imag > 0):
-                return None
-            found.append(ball)
-    if not all(ball.overlaps(root.value) for ball, root in zip(found, roots, strict=True)) or any(
-        one.overlaps(other) for one, other in combinations(found, 2)
-    ):
-        return None  # a ball that holds another pole than its own would leave its own out
-    return [root.value for root in roots], found, [root.flexible for root in roots]
+@dataclass(frozen=True, slots=True)
+class Around:
+    """Motions about the centre c of a cell: a function f of the place obeys there, with the half widths ρ of the cell,
 
+        |f - f(c)| ≤ Σ_q |∂_q f(c)| ρ_q + Σ_q |∂_qq f(c)|/2 ρ_q² + Σ_{q<k} |∂_qk f(c)| ρ_q ρ_k + |f_3|,
 
-def enclosed(polynomial: acb_poly, start: acb) -> acb | None:
-    """A ball around `start` that holds exactly one root of every polynomial in the ball of coefficients, by interval Newton."""
-    slope, centre = polynomial.derivative(), start.mid()
-    spread = (abs(polynomial(centre) / slope(centre)) * 2 + abs(centre) * arb(2) ** (-flint.ctx.prec // 2)).upper()
-    for _ in range(4):
-        real = start.imag.is_zero()
-        wide = acb(centre.real + arb(0, spread), arb(0) if real else centre.imag + arb(0, spread))
-        try:
-            following = centre - polynomial(centre) / slope(wide)
-        except ZeroDivisionError:
-            return None
-        if real:
-            following = acb(following.real)
-        if wide.real.contains_interior(following.real) and (real or wide.imag.contains_interior(following.imag)):
-            return following
-        spread *= 4
-    return None
+    where f_3 is the third term of f along any line through any place of the cell, in directions within ±ρ (Taylor's formula).
+    """
+
+    ways: dict[tuple[int, int], Motion]  # from the centre, along a parameter (q, q) or two of them at once
+    whole: Motion
+    radii: Sequence[arb]
+
+    @staticmethod
+    def of(plants: Written | Moved, jumps: Jumps, cell: Numbers, centre: Numbers, radii: Sequence[arb], poles: Any) -> Around:
+        """All motions of a cell."""
+        points, balls, flexible = poles
+        wide = [q for q, radius in enumerate(radii) if not radius.is_zero()]
+        if not wide:  # one plant, at an exact place
+            alone = motion(plants, jumps, centre, points, flexible)
+            return Around({(0, 0): alone}, alone, radii)
+        ways = {}
+        for q, k in combinations_with_replacement(wide, 2):
+            line = [acb_series([x, int(i in (q, k))]) for i, x in enumerate(centre)]
+            ways[q, k] = motion(plants, jumps, line, points, flexible)
+        whole = [acb_series([x, arb(0, radius.upper())]) for x, radius in zip(cell, radii, strict=True)]
+        return Around(ways, motion(plants, jumps, whole, balls, flexible), radii)
+
+    @property
+    def middle(self) -> Motion:
+        """At the centre, along some way."""
+        return next(iter(self.ways.values()))
+
+    def terms(self, along: Callable[[Way, Motion], acb_series]) -> tuple[list[acb], arb]:
+        """The terms of Taylor's formula about the centre, at most: derivatives times half widths, in a fixed order; and |f_3|."""
+        lines, found = {way: along(way, motion) for way, motion in self.ways.items()}, []
+        for (q, k), own in lines.items():
+            if q == k:
+                found += [own[1] * self.radii[q], own[2] * self.radii[q] ** 2]
+            else:
+                found.append((own[2] - lines[q, q][2] - lines[k, k][2]) * self.radii[q] * self.radii[k])
+        return found, abs(along((), self.whole)[3])
+
+    def drift(self, span: arb) -> arb:
+        """How far r(τ) is from what it is at the centre, in the cell, for the instants of a ball."""
+        terms, last = self.terms(lambda _, motion: motion.course(span))
+        return sum((abs(term.real) for term in terms), last)
+
+    def moduli(self) -> tuple[arb, list[arb]]:
+        """`Σ |Z_j|` over the cell, and each by itself, at most.
+
+        With the real part x_j and the imaginary part y_j of `Z_j e^{-j(α_j + β_j (θ - c))}`, where y_j and its slopes are 0 at the centre,
+        |Z_j| ≤ x_j + y_j²/(2 x_j). Of the x_j the terms at the centre are summed before their sizes are taken.
+        """
+        bound, each, together = arb(0), [], [acb(0)] * len(self.terms(lambda _, motion: motion.poles[0])[0])
+        for j, size in enumerate(self.middle.sizes):
+            start, (terms, last) = size[0], self.terms(lambda _, motion, j=j: motion.sizes[j])
+            each.append(sum((abs(term) for term in terms), abs(start) + last))
+            if not 3 * abs(start) > 2 * each[j]:  # so near 0 it has no direction
+                bound += each[j]
+                continue
+            turn, rates = start.conjugate() / abs(start), [arb(0)] * len(self.radii)
+            for q, _ in self.ways:
+                rates[q] = (self.ways[q, q].sizes[j][1] / start).imag.mid()
+
+            def turned(way: Way, motion: Motion, j: int = j, turn: acb = turn, rates: list[arb] = rates) -> acb_series:
+                speeds = [rates[q] for q in set(way)] if way else [b * arb(0, r.upper()) for b, r in zip(rates, self.radii, strict=True)]
+                return motion.sizes[j] * turn * acb_series([0, acb(0, -sum(speeds, arb(0)))]).exp()
+
+            terms, last = self.terms(turned)
+            x, y = (sum((abs(part) for part in parts), last) for parts in ([t.real for t in terms], [t.imag for t in terms]))
+            if abs(start) - x > 0:
+                across = y * y / (2 * (abs(start) - x))
+                each[j], bound = abs(start) + x + across, bound + abs(start) + last + across
+                together = [one + other for one, other in zip(together, terms, strict=True)]
+            else:
+                bound += each[j]
+        return bound + sum((abs(term.real) for term in together), arb(0)), each
 
 
 def prove(system: System, command: Numbers, n: int) -> None:
@@ -162,6 +180,9 @@ def prove(system: System, command: Numbers, n: int) -> None:
     instants, levels = [*command[1 : n + 1], command[0]], [fmpq(0), *command[n + 1 : 2 * n + 1], system.rest]
     jumps = [(arb(command[0] - at), arb(after - before)) for at, (before, after) in zip(instants, pairwise(levels), strict=True)]
     lands(task)
+    plants = family(task)
+    if isinstance(plants, Moved) and not within(plants, jumps, plants.nominal, plants.nominal, [arb(0)] * len(plants.nominal), allowed):
+        raise Undecided("the residual of the nominal plant is not told from the tolerance")
     waiting = [tuple((x, x) for x in plant.place) for plant in box.plants] or [tuple((p.low, p.high) for p in box.parameters)]
     while waiting:
         sides = waiting.pop()
@@ -169,87 +190,59 @@ def prove(system: System, command: Numbers, n: int) -> None:
         centre = [(low + high) / 2 for low, high in sides]
         cell = [arb(low).union(arb(high)) if low < high else low for low, high in sides]
         radii = [arb((high - low) / 2) for low, high in sides]
-        if not (within(task, jumps, cell, centre, radii, allowed) and settled(task, sides)):
+        if not (within(plants, jumps, cell, centre, radii, allowed) and plants.settled(sides)):
             waiting += halved(task, sides, "the residual is not told from the tolerance somewhere in the box")
 
 
-def within(task: Any, jumps: Sequence[tuple[arb, arb]], cell: Numbers, centre: Sequence[fmpq], radii: Sequence[arb], allowed: arb) -> bool:
+def within(
+    plants: Written | Moved, jumps: Sequence[tuple[arb, arb]], cell: Numbers, centre: Any, radii: Sequence[arb], allowed: arb
+) -> bool:
     """Whether |r(τ)| ≤ allowed for all τ ≥ 0 in a cell: by the moduli of its motions, or in the course of time."""
-    poles = tracked(task, cell, centre)
+    poles = plants.tracked(cell, centre)
     if poles is None:
         return False
     points, balls, flexible = poles
+    if not points:
+        return True  # bodies alone, which are at rest
     if any(ball.real > 0 for ball in balls):
         raise Undecided("a plant of the box is unstable")
     try:
-        middle, whole = motion(task, jumps, centre, points, flexible), motion(task, jumps, cell, balls, flexible)
+        around = Around.of(plants, jumps, cell, centre, radii, poles)
+        total, sizes = around.moduli()
+        if total <= allowed:
+            return True  # of stable plants, which these are if they are `settled`
     except ZeroDivisionError:
         return False
-    squares = []
-    for j, size in enumerate(middle.sizes):
-        change = sum(
-            (abs(2 * (whole.sizes[j].conjugate() * slopes[j]).real) * r for slopes, r in zip(whole.slopes, radii, strict=True)), arb(0)
-        )
-        squares.append(size.real * size.real + size.imag * size.imag + change)
-    if len(middle.sizes) == 1 and flexible[0] and middle.poles[0].real.is_zero() and abs(middle.sizes[0]) > allowed:
+    alone = len(points) == 1 and flexible[0] and points[0].real.is_zero() and abs(around.middle.sizes[0][0]) > allowed
+    if alone or (inside := all(ball.real <= 0 for ball in balls) and in_time(around, sizes, flexible, allowed)) is None:
         raise Refuted(f"the residual exceeds the tolerance at {', '.join(f'{float(arb(x).mid()):.6g}' for x in centre)}")
-    if sum((arb(square.upper()).sqrt() for square in squares), arb(0)) <= allowed:
-        return True  # of stable plants, which these are if they are `settled`
-    if not all(ball.real <= 0 for ball in balls):
-        return False
-    return in_time(middle, whole, flexible, radii, allowed)
+    return inside
 
 
-def settled(task: Any, sides: Sequence[tuple[fmpq, fmpq]]) -> bool:
-    """Whether no plant of a cell is unstable. Where that is not seen at once, a parameter that damps all poles in question, in all the
-    cell, is set to where it damps least: there they may lie on the imaginary axis exactly."""
-    centre, cell = [(low + high) / 2 for low, high in sides], [arb(low).union(arb(high)) if low < high else low for low, high in sides]
-    poles = tracked(task, cell, centre)
-    if poles is None:
-        return False
-    doubtful = [ball for ball in poles[1] if not ball.real <= 0]
-    if not doubtful:
-        return True
-    slope = acb_poly(member(task.box, cell, "denominator")).derivative()
-    for q, (low, high) in enumerate(sides):
-        change = acb_poly(member(task.box, cell, "denominator", q))
-        try:
-            drifts = [(-change(ball) / slope(ball)).real for ball in doubtful]
-        except ZeroDivisionError:
+def in_time(around: Around, sizes: Sequence[arb], flexible: Sequence[bool], allowed: arb) -> bool | None:
+    """Whether |r(τ)| ≤ allowed: at the centre by Taylor's formula in τ, elsewhere as `Around` says, far away by the envelope. None if it is
+    more at an instant of the plant at the centre."""
+    middle, whole = around.middle, around.whole
+    roots = tuple(Root(p[0] if pair else acb(p[0].real), 1) for p, pair in zip(middle.poles, flexible, strict=True))
+    wave = Wave.of(roots, [part for z, pair in zip(middle.sizes, flexible, strict=True) for part in (z[0].real, z[0].imag)[: 1 + pair]])
+    far, quick = max((1 / abs(p[0])).upper() for p in whole.poles), min((1 / abs(p[0])).lower() for p in middle.poles)
+    while not sum((size * (p[0].real * far).exp() for size, p in zip(sizes, whole.poles, strict=True)), arb(0)) <= allowed:
+        far = (far * 5 / 4).mid()
+        if far > 1e4 * quick:
             return False
-        for end, damps in ((low, all(drift <= 0 for drift in drifts)), (high, all(drift >= 0 for drift in drifts))):
-            if low < high and damps:
-                return settled(task, [(end, end) if i == q else side for i, side in enumerate(sides)])
-    return False
-
-
-def in_time(middle: Motion, whole: Motion, flexible: Sequence[bool], radii: Sequence[arb], allowed: arb) -> bool:
-    """Whether |r(τ)| ≤ allowed: at the centre by Taylor's formula, elsewhere by r's derivatives over the cell, far away by its envelope."""
-    roots = tuple(Root(p if pair else acb(p.real), 1) for p, pair in zip(middle.poles, flexible, strict=True))
-    wave = Wave.of(roots, [part for z, pair in zip(middle.sizes, flexible, strict=True) for part in (z.real, z.imag)[: 1 + pair]])
-    far = max((1 / abs(p)).upper() for p in whole.poles)
-    while not sum((abs(z) * (p.real * far).exp() for z, p in zip(whole.sizes, whole.poles, strict=True)), arb(0)) <= allowed:
-        far *= 2
-        if far > 1e6 * abs(1 / middle.poles[0]):
-            return False
-    waiting = [(arb(0), far)]
-    for _ in range(400):
+    count = int(float(far / quick)) + 1
+    waiting = [(far * k / count, far * (k + 1) / count) for k in range(count)]
+    for _ in range(400 + 4 * count):
         if not waiting:
             return True
         a, b = waiting.pop()
-        *_, values = wave.over(a, b)
+        c, value, _, values = wave.over(a, b)
         span = a.union(b)
-        decays = [(p * span).exp() for p in whole.poles]
-        spread = arb(0)
-        for drifts, slopes, r in zip(whole.drifts, whole.slopes, radii, strict=True):
-            moved = sum(
-                ((dz + z * dp * span) * decay for dz, z, dp, decay in zip(slopes, whole.sizes, drifts, decays, strict=True)), acb(0)
-            )
-            spread += abs(moved.real) * r
-        if abs(values) + spread <= allowed:
+        if abs(values) + around.drift(span) <= allowed:
             continue
-        c = ((a + b) / 2).mid()
-        if not a < c < b:
-            return False
+        if abs(value) > allowed:
+            return None
+        if not (a < c < b and abs(value) + around.drift(c) <= allowed):
+            return False  # at this instant, which a shorter piece would not help
         waiting += [(a, c), (c, b)]
     return False

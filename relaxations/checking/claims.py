@@ -22,6 +22,7 @@ REST = {
     "box": "what is asked of every plant from T on is said below (robust rest)",
 }
 BITS = (128, 256, 512, 1024)
+TERMS = 4  # of a power series
 WORK, WORK_PER_BYTE, MOST_WORK = 3e6, 500, 5e7  # what a check may cost: some seconds as a rule, half a minute at most
 
 
@@ -58,13 +59,13 @@ class Check:
 
 def check(content: bytes) -> Check:
     """Read a certificate and prove every side that it claims, at rising precision; never raises for any content."""
-    begun, outside, certificate, bits = time.perf_counter(), flint.ctx.prec, None, 0
+    begun, outside, certificate, bits = time.perf_counter(), (flint.ctx.prec, flint.ctx.cap), None, 0
     outcome, reason = Outcome.INCONCLUSIVE, ""
     try:
         certificate = read(content)
         claimed, work["left"] = certificate.claim, min(WORK + WORK_PER_BYTE * len(content), MOST_WORK)
         for bits in BITS:
-            flint.ctx.prec = bits
+            flint.ctx.prec, flint.ctx.cap = bits, TERMS
             try:
                 varying.sensible(certificate.task)
                 if certificate.task.schedule is not None:
@@ -94,7 +95,7 @@ def check(content: bytes) -> Check:
     except MemoryError:
         reason = "more memory than there is"
     finally:
-        flint.ctx.prec = outside
+        flint.ctx.prec, flint.ctx.cap = outside
     return Check(outcome, reason, certificate, bits, time.perf_counter() - begun)
 
 

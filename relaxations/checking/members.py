@@ -9,7 +9,7 @@ from typing import Any
 from flint import arb, fmpq
 
 from relaxations.checking.balls import spend
-from relaxations.checking.reading import Refuted, Undecided, require
+from relaxations.checking.reading import MOVED, Refuted, Undecided, require
 
 Numbers = Sequence[arb | fmpq]
 LONGEST_POWER = 20_000  # bits of a power of an exact parameter
@@ -41,10 +41,25 @@ def valued(terms: Any, place: Numbers, derivative: int | None = None) -> arb | f
     return total
 
 
+def moves(box: Any) -> bool:
+    """Whether the parameters of a box move roots of the nominal plant: it has neither coefficients nor plants of its own then."""
+    return not (box.plants or box.denominator)
+
+
+MOVING = (
+    "  mode[i] is the complex pair of poles, zero[i] the zero (or pair) of the plant above, each counted once, by ascending magnitude;",
+    "  frequency, and the parameter zero[i]: a factor of its magnitude; damping: the damping ratio. All other roots stay where they are,",
+    "  and so does the static gain: the ratio of the lowest coefficients, poles at the origin aside.",
+)
+
+
 def plants(task: dict[str, Any]) -> list[str]:
     """In words, from the numbers as they are written: which plants the claim is about."""
     if not (box := task["box"]):
         return []
+    if not (box["plants"] or box["denominator"]):
+        ranges = ", ".join(f"{p['name']} in [{p['low']}, {p['high']}]" for p in box["parameters"])
+        return [f"  and every plant that it becomes when these of its roots are moved: {ranges};", *MOVING]
     ranges = ", ".join(f"{p['name']!r} in [{p['low']}, {p['high']}] (nominal {p['nominal']})" for p in box["parameters"])
     if box["plants"]:
         heading = f"  and these {len(box['plants'])} plants of {ranges}; nothing is said of any other plant of these ranges:"
@@ -62,6 +77,8 @@ def promises(task: dict[str, Any]) -> list[str]:
         return []
     allowed = f"at most {box['tolerance']} of the displacement instead of 0"
     residual = f"  In every one of these plants the residual |y(t) - y(∞)| for t ≥ T is {allowed};"
+    if not (box["plants"] or box["denominator"]):
+        return [residual, "  y(∞) is the target in all of them, and none keeps drifting."]
     share = box["final_tolerance"]
     where = "" if share is None else f", within {share} of the displacement of it in the others"
     return [residual, f"  y(∞) is the target in the nominal plant{where}, and no plant keeps drifting."]
@@ -77,7 +94,11 @@ def sensible(task: Any) -> None:
     )
     require(box.tolerance > 0, "a tolerance is more than 0")
     require(box.final_tolerance is None or box.final_tolerance >= 0, "a final tolerance is 0 or more")
-    require(all(p.low <= p.nominal <= p.high for p in box.parameters), "a parameter's nominal value lies in its range")
+    if moves(box):
+        moving(box)
+        return
+    fine = all(p.nominal is not None and p.low <= p.nominal <= p.high for p in box.parameters)
+    require(fine, "a parameter's nominal value lies in its range")
     require(bool(box.plants) != bool(box.denominator) == bool(box.numerator), "a box has coefficients in terms of parameters, or plants")
     places = [listed.place for listed in box.plants]
     inside = [len(place) == count and all(p.low <= x <= p.high for p, x in zip(box.parameters, place, strict=True)) for place in places]
@@ -92,6 +113,17 @@ def sensible(task: Any) -> None:
         for mine, theirs in zip(ours, (plant.numerator, plant.denominator), strict=True)
     )
     require(same, "the plant is not the nominal one of the box")
+
+
+def moving(box: Any) -> None:
+    """Raise `Malformed` unless the parameters of a box without coefficients and plants move roots of the nominal plant."""
+    require(not box.numerator and all(MOVED.fullmatch(p.name) for p in box.parameters), "parameters without coefficients name roots")
+    require(len({p.name for p in box.parameters}) == len(box.parameters), "a root is moved twice in the same way")
+    for p in box.parameters:
+        if p.name.endswith(".damping"):  # its nominal value is no exact number
+            require(p.nominal is None and 0 <= p.low <= p.high < 1, "damping ratios lie from 0 to below 1, and their nominal value is null")
+        else:
+            require(p.nominal == 1 and 0 < p.low <= 1 <= p.high, "factors are more than 0, and 1 lies in their range")
 
 
 def rigid(task: Any) -> int:
@@ -134,6 +166,8 @@ def too_far(task: Any, place: Sequence[fmpq]) -> None:
     box = task.box
     inside = len(place) == len(box.parameters) and all(p.low <= x <= p.high for p, x in zip(box.parameters, place, strict=True))
     require(inside and box.final_tolerance is not None, "a final tolerance, and a place of the box")
+    if moves(box):
+        raise Undecided("plants whose roots are moved rest at the target")
     if min(Shift.of(task).room(place)) >= 0:
         raise Undecided("the plant named rests within the final tolerance")
 
@@ -141,7 +175,7 @@ def too_far(task: Any, place: Sequence[fmpq]) -> None:
 def lands(task: Any) -> None:
     """Prove that every plant of the box rests within the final tolerance; raises `Refuted` or `Undecided`."""
     box = task.box
-    if box.final_tolerance is None:
+    if box.final_tolerance is None or moves(box):  # a static gain that stays brings every plant to the target
         return
     shift = Shift.of(task)
     ends = [tuple((x, x) for x in plant.place) for plant in box.plants] or [tuple((p.low, p.high) for p in box.parameters)]

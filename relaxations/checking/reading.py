@@ -17,6 +17,7 @@ _DECIMAL = re.compile(r"(?!-0$)-?(0|[1-9][0-9]*)(\.[0-9]*[1-9])?")
 _RATIO = re.compile(r"(-?[1-9][0-9]*)/([1-9][0-9]*)")
 _HEXADECIMAL = re.compile(r"(-?0x1)(?:\.([0-9a-f]{0,12}[1-9a-f]))?p(\+0|[+-][1-9][0-9]{0,3})")
 _ZERO = re.compile(r"zero\[[1-9][0-9]{0,2}\]")
+MOVED = re.compile(r"mode\[[1-9][0-9]{0,2}\]\.(frequency|damping)|zero\[[1-9][0-9]{0,2}\]")
 _MODE = re.compile(r"(mode|real)\[[1-9][0-9]{0,2}\]")
 
 
@@ -114,10 +115,11 @@ LIMITS = {
 # Plants whose coefficients are polynomials in parameters: sums of terms, a number and the power of each parameter. Every plant of the box,
 # the one written (nominal values) among them, may keep a residual of `tolerance` times the displacement.
 TERMS: list[Any] = [(real, [natural, 1, 8]), 0, 1000]
-# Where no such polynomials are known they are empty, and the box is the plants listed instead. The final rest values of all may be off
+# Where no such polynomials are known they are empty, and the box is the plants listed instead; without these too parameters are named after
+# roots of the plant (mode[i].frequency, mode[i].damping, zero[i]), which they move. The final rest values of all may be off
 # the target by `final_tolerance` times the displacement (null: by any amount).
 COEFFICIENTS: list[Any] = [TERMS, 0, MOST_POLES + 1]  # the highest power of s first
-PARAMETER = {"name": name, "nominal": real, "low": real, "high": real}
+PARAMETER = {"name": name, "nominal": (None, real), "low": real, "high": real}
 LISTED = {"place": [real, 1, 8], "numerator": POLYNOMIAL, "denominator": POLYNOMIAL}
 FORM = {"numerator": COEFFICIENTS, "denominator": COEFFICIENTS, "plants": [LISTED, 0, 1000]}
 BOX = {"parameters": [PARAMETER, 1, 8], **FORM, "tolerance": real, "final_tolerance": (None, real)}
