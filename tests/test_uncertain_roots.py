@@ -105,7 +105,7 @@ def member(plant: LinearPlant, changes: dict[str, float]) -> LinearPlant:
     ("name", "ranges"),
     [
         ("lagged", (("mode[1].frequency", "0.85", "1.2"),)),
-        ("lagged", (("mode[1].damping", "0.01", "0.1"), ("mode[1].frequency", "0.95", "1.05"))),
+        pytest.param("lagged", (("mode[1].damping", "0.01", "0.1"), ("mode[1].frequency", "0.95", "1.05")), marks=pytest.mark.slow),
     ],
 )
 def test_plants_by_numpy_keep_the_tolerance(name: str, ranges: Ranges):
