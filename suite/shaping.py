@@ -16,8 +16,9 @@ from relaxations.insensitive import Band
 from relaxations.sensitivity import insensitivity
 from relaxations.shaped_moves import Move
 from relaxations.shaper_deflection import deflection
-from relaxations.shaper_kinds import BAND, KINDS, TOLERANCE, Least, Request, find, make, mistakes
+from relaxations.shaper_kinds import KINDS, find, make, mistakes
 from relaxations.shaper_modes import Mode
+from relaxations.shaper_requests import BAND, TOLERANCE, Least, Request
 from relaxations.shapers import Shaper
 from suite.decays import Measured, measured_decay
 from suite.errors import SuiteError

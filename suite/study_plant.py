@@ -110,6 +110,9 @@ def _schedule(written: schema.Plant, form: str, mistakes: list[Mistake]) -> Sche
     if form == "fmu":
         why = "belongs to a plant given as numbers; an FMU is linearised along its own motion"
         mistakes += [Mistake(f"{place}.{name}", ABSENT, why) for name in given]
+        if written.initial is not None and written.initial.settle is True:
+            why = "contradicts plant.schedule: where the FMU rests nothing varies any more; give the time to settle in seconds, if any"
+            mistakes.append(Mistake("plant.initial.settle", True, why))
         if written.linearization in ("twin", "identified"):
             why = "contradicts plant.schedule: the FMU is linearised along its motion; valid are auto, derivatives, differences"
             mistakes.append(Mistake("plant.linearization", written.linearization, why))

@@ -89,6 +89,7 @@ MISTAKES = {
     "limits.rate": GAIN + "rate = [-1, 1]\n",
     "limits.sample_time": GAIN + "sample_time = 0.1\n",
     "belongs to a plant given as numbers": CRANE.replace("schedule = { ", "schedule = { B = [[1.0]], "),
+    "where the FMU rests nothing varies": CRANE.replace("[plant]", "[plant]\ninitial = { settle = true }"),
     "valid are auto, derivatives, differences": CRANE.replace("[plant]", '[plant]\nlinearization = "twin"'),
 }
 
