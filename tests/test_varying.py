@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from fractions import Fraction
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -180,6 +181,33 @@ def test_the_checkers_steps_enclose_the_transition(plant: VaryingPlant) -> None:
             assert max(float(ball.rad()) for ball in impulse.entries()) < 1e-25
 
 
+@pytest.mark.parametrize("plant", [HOISTING, GROWING, random_plant(7)])
+def test_what_is_cut_off_is_enclosed_too(plant: VaryingPlant, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Series of some 16 terms in arithmetic of many digits: what is left out is then much more than rounding."""
+    schedule, n = read(proven(posed(plant, 1))[2]).task.schedule, plant.order
+    monkeypatch.setattr(checker, "flint", SimpleNamespace(ctx=SimpleNamespace(prec=4)))
+    work["left"] = 1e9
+    exactly = Transition(plant, 400)
+    with precision(400):
+        for row in range(n):
+            begun = [arb(0)] * n
+            begun[row] = arb(1)
+            start = arb_mat([begun])
+            # One step only: what comes in is exact, so that what comes out is wide for no other reason.
+            step = next(checker.steps(schedule, start, arb(1)))
+            assert len(step.rows) < 20
+            for share in (arb(1), arb(2) / 3):
+                tau = arb(step.length) * share
+                truth, slope, total = (exactly.long([tau], which)[row, 0] for which in range(3))
+                assert step.impulse(tau)[0, 0].overlaps(truth)
+                assert step.step(tau)[0, 0].overlaps(total)
+                _, value, steep, _ = step.costate.over(tau.mid(), tau.mid())
+                assert value.overlaps(truth)
+                assert steep.overlaps(slope)
+                assert (step.costate.integral(tau)).overlaps(total)
+                assert float(value.rad()) < 1e-5
+
+
 def test_what_the_claim_says() -> None:
     text = claim(check(proven(posed(GROWING))[2]))
     assert "every matrix linear in t between these instants, constant after the last" in text
@@ -225,7 +253,48 @@ def test_lies_about_a_varying_plant(plant: VaryingPlant) -> None:
     assert outcome(content, lambda d: d["claim"].update(impossible="face", lower=None, upper=None)) is Outcome.INCONCLUSIVE
 
 
+def test_lies_about_fuel_and_limits() -> None:
+    content = proven(posed(HOISTING, 2, fuel="2"))[2]
+    for fuel, refuted in (("1.9999999", "lower"), ("2.0000001", "upper")):  # what is left is the side that it takes away from
+        one = outcome(content, lambda d, fuel=fuel, kept=refuted: (d["task"]["limits"].update(fuel=fuel), d["claim"].update({kept: None})))
+        assert one is Outcome.REFUTED
+    dear = outcome(content, lambda d: d["lower"].update(fuel=written(number(d["lower"]["fuel"]) * Fraction(11, 10))))
+    assert dear is Outcome.REFUTED
+    free = proven(posed(HOISTING, 2))[2]
+    for limits in (["-0.99", "1"], ["-1", "0.99"]):
+        assert (
+            outcome(free, lambda d, limits=limits: (d["task"]["limits"].update(input=limits), d["claim"].update(lower=None)))
+            is Outcome.REFUTED
+        )
+
+
+def test_krawczyks_test_finds_the_exact_command() -> None:
+    """The start written is off by 1e-9, and the claim by 1e-11 only: the solution is found within a radius of 1e-6."""
+    content = proven(posed(GROWING))[2]
+
+    def moved(d: Any) -> None:
+        segment = d["upper"]["segments"][1]
+        segment["start"] = written(number(segment["start"]) + Fraction(1, 10**9))
+        d["upper"]["radius"] = "1/1000000"
+        d["claim"].update(upper=written(number(d["claim"]["upper"]) * (1 + Fraction(1, 10**11))))
+
+    assert outcome(content, moved) is Outcome.PROVED
+
+
+def test_rests_that_are_held() -> None:
+    held = VaryingPlant.of([0, 1], [STIFF_A] * 2, [STIFF_B] * 2, [STIFF_C] * 2)
+    content = proven(posed(held, "0.5"))[2]
+    for change, said in (
+        (lambda d: d["task"]["limits"].update(input=["0.2", "1"]), "exclude the input"),
+        (lambda d: d["task"]["limits"].update(fuel="5"), "rests without input"),
+    ):
+        found = check(changed(content, change))
+        assert found.outcome is Outcome.MALFORMED
+        assert said in found.reason
+
+
 MALFORMED = {
+    "the final rest is none": lambda d: d["task"]["schedule"].update(C=[["2", "0"], ["1", "0"]]),
     "ascend from 0": lambda d: d["task"]["schedule"].update(instants=["0", "0"]),
     "the instants of a schedule ascend": lambda d: d["task"]["schedule"].update(instants=["1", "2"]),
     "for every instant": lambda d: d["task"]["schedule"]["A"].pop(),
