@@ -22,7 +22,7 @@ from relaxations.bounds import Status
 from relaxations.commands import Command
 from relaxations.maneuvers import problem
 from relaxations.response import response
-from relaxations.shaper_kinds import Request
+from relaxations.shaper_requests import Request
 from relaxations.worst_residuals import worst_residual
 from reports import charts
 from reports.files import write_atomically

@@ -3,13 +3,15 @@
 A mode that is commanded to follow u deflects by |y - u|, y its response `ω²/(s² + 2ζωs + ω²) u`: by 1 under a unit step, by 1/2 under a ZV
 shaper's. On instants kh the amplitudes of the shortest sequence with a smaller limit are a linear program: zero vibration and derivatives,
 partial sums within bounds, the deflection within its limit just before and just after every instant. The least number of samples is found
-by bisection, for waiting costs nothing. That the limit holds between the instants too is proven (relaxations.checking.deflections).
+by bisection, for waiting costs nothing. That the limit holds between the instants too is proven (relaxations.checking.deflections), and
+that fewer samples do not do by the multipliers of the least excess over the conditions (relaxations.checking.sampled_deflections).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from relaxations.checking.deflections import Deflection, largest_deflection
+from relaxations.checking.sampled_deflections import Asked, Left, Strayed, none_on_samples
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.plants import exact
 from relaxations.sensitivity import step_response
@@ -30,6 +33,17 @@ INSIDE = 2e-3  # of the limit: how much closer it is kept on the instants, for w
 FEASIBLE = 1e-9
 MOST_SAMPLES = 600
 ZERO = 1e-9  # an amplitude that is none
+NO_EXCESS = 1e-7  # of equations of order one: with less nothing is refuted
+LESS = (1, 2, 3, 5, 8, 13)  # samples fewer than found that are tried to be refuted
+
+
+@dataclass(frozen=True, slots=True)
+class Limited:
+    """A shaper on samples of `step` [s], of which it is proven that at least so many are `needed` (0: nothing was proven)."""
+
+    shaper: Shaper
+    step: float
+    needed: int
 
 
 def deflection(shaper: Shaper, mode: Mode) -> Deflection:
@@ -41,7 +55,7 @@ def deflection(shaper: Shaper, mode: Mode) -> Deflection:
 
 def deflection_limited(
     modes: Sequence[Mode], limit: float, sums: tuple[float, float] = (0.0, 1.0), derivatives: int = 0, sample_time: float | None = None
-) -> Shaper:
+) -> Limited:
     """The shaper of fewest samples whose step deflects no mode by more than `limit`, *proven*, with zero vibration and `derivatives` of it.
 
     Raises `ShaperError` for a limit that is not positive, `ImpossibleShaperError` for samples that are too coarse, `SolverError`.
@@ -78,7 +92,10 @@ def deflection_limited(
             high, found = middle, better
     kept = np.flatnonzero(np.abs(found) > ZERO)
     first = kept[0]
-    return Shaper(tuple(float((k - first) * step) for k in kept), tuple(float(found[k]) for k in kept))
+    shaper = Shaper(tuple(float((k - first) * step) for k in kept), tuple(float(found[k]) for k in kept))
+    fewer = (high - less for less in LESS if high - less >= 1)
+    needed = next((count + 1 for count in fewer if _refuted(modes, limit, sums, derivatives, step, count)), 0)
+    return Limited(shaper, step, needed)
 
 
 def _amplitudes(
@@ -118,6 +135,53 @@ def _amplitudes(
     found[~kept] = 0.0
     found[kept] += np.linalg.lstsq(equal[:, kept], aim - equal @ found, rcond=None)[0]
     return found if np.abs(equal @ found - aim).max() <= 1e-12 and _within(found, modes, limit, step) else None
+
+
+def _refuted(modes: Sequence[Mode], limit: float, sums: tuple[float, float], derivatives: int, step: float, samples: int) -> bool:
+    """Whether it is proven that no sequence on so many samples keeps the limit on them and leaves nothing."""
+    count, instants = samples + 1, step * np.arange(samples + 1)
+    since = instants - instants[-1]
+    powers = [(number, power) for number in range(len(modes)) for power in range(derivatives + 1)]
+    rows = []
+    for number, power in powers:
+        z = (since / instants[-1]) ** power * np.exp(modes[number].frequency * modes[number].direction * since)
+        rows += [z.real, z.imag]
+    after, before = np.tri(count), np.tri(count, k=-1)
+    looks, strays = [], []
+    for number, mode in enumerate(modes):
+        moved = np.array([step_response([t], [1.0], mode.frequency, mode.damping, instants) for t in instants]).T
+        for later, u in ((True, after), (False, before)):
+            looks += [(number, sample, later) for sample in range(count)]
+            strays.append((moved - u) * u)
+    # Impulses from partial sums: A_k = S_k - S_{k-1}, and S_n = 1.
+    table = np.vstack([*rows, *strays])
+    linear, constant = table[:, :-1] - table[:, 1:], table[:, -1]
+    room = np.concatenate([np.zeros(len(rows)), np.full(len(looks), limit)])
+    found = linprog(
+        np.append(np.zeros(samples), 1.0),
+        A_ub=np.hstack([np.vstack([linear, -linear]), -np.ones((2 * len(linear), 1))]),
+        b_ub=np.concatenate([room - constant, room + constant]),
+        bounds=[sums] * samples + [(0.0, None)],
+        method="highs",
+    )
+    if found.status != 0 or found.fun <= NO_EXCESS:
+        return False
+    prices = -found.ineqlin.marginals
+    weights = prices[: len(linear)] - prices[len(linear) :]
+    pairs = weights[: len(rows)].reshape(-1, 2)
+    left = [
+        Left(number, power, (Fraction(float(a / instants[-1] ** power)), Fraction(float(b / instants[-1] ** power))))
+        for (number, power), (a, b) in zip(powers, pairs, strict=True)
+    ]
+    strayed = [
+        Strayed(mode, sample, later, Fraction(float(w)))
+        for (mode, sample, later), w in zip(looks, weights[len(rows) :], strict=True)
+        if abs(w) > ZERO
+    ]
+    exactly = tuple((exact(repr(mode.frequency)), exact(repr(mode.damping))) for mode in modes)
+    bounds = exact(repr(sums[0])), exact(repr(sums[1]))
+    asked = Asked(exactly, derivatives, exact(repr(step)), samples, exact(repr(limit)), bounds)
+    return none_on_samples(asked, left, strayed)
 
 
 def _within(amplitudes: Reals, modes: Sequence[Mode], limit: float, step: float) -> bool:

@@ -18,77 +18,22 @@ from relaxations.checking.worst import worst_residual
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.humps import Humped, extra_insensitive, unity_magnitude
 from relaxations.impulses import derivative_shaper, mzv, negative_zv
-from relaxations.insensitive import Band, specified
+from relaxations.insensitive import specified
 from relaxations.least_durations import Remnant, least_duration
 from relaxations.plants import exact
 from relaxations.pulses import at_intervals, pulsed
 from relaxations.sampled_shapers import Sampled, sampled
 from relaxations.shaper_deflection import deflection_limited
 from relaxations.shaper_modes import Mode
+from relaxations.shaper_requests import Least, Made, Request
 from relaxations.shapers import Shaper, as_pulses, convolve
 
+MOST_DERIVATIVES, MOST_CONDITIONS = (
+    11,
+    30,
+)  # beyond them a least duration is not searched for: doubles cannot tell the conditions apart
 WHOLE = 1e-9  # partial sums this close to a whole number are it
 CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
-TOLERANCE, BAND = 0.05, (0.8, 1.2)  # unless a request says otherwise
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """What a shaper is made for: `modes`, and the numbers that its kind needs (None: not given).
-
-    `tolerance` is a fraction of the unshaped vibration, `band` factors of each mode's frequency, `negative` the size of the negative
-    impulse, `sums` bounds of the partial sums, `sample_time` [s] the grid of the instants; `simultaneous`: one solution for all modes
-    instead of a convolution of one for each. `bands` (low, high, tolerance) take the place of band and tolerance: one for each mode, or
-    several for one mode. `pulse` [s] draws impulses out to pulses of this width, `height` [1/s] is that of all pulses; `impulses` are a
-    shaper that is given. `deflection` limits how far the shaped step takes a mode from it, as a fraction of what an unshaped one does.
-    """
-
-    modes: tuple[Mode, ...]
-    tolerance: float = TOLERANCE
-    band: tuple[float, float] = BAND
-    negative: float | None = None
-    sums: tuple[float, float] | None = None
-    sample_time: float | None = None
-    simultaneous: bool = False
-    bands: tuple[tuple[float, float, float], ...] = ()
-    pulse: float | None = None
-    height: float | None = None
-    impulses: Shaper | None = None
-    deflection: float | None = None
-
-    def reaches(self) -> tuple[tuple[int, Band], ...]:
-        """Every band with the number of its mode, from 0; raises `ShaperError` if bands and modes do not go together."""
-        modes, bands = self.modes, self.bands or ((*self.band, self.tolerance),)
-        if len(bands) == 1:
-            return tuple((i, Band(mode, *bands[0])) for i, mode in enumerate(modes))
-        if len(modes) == 1:
-            return tuple((0, Band(modes[0], *band)) for band in bands)
-        if len(modes) == len(bands):
-            return tuple((i, Band(mode, *band)) for i, (mode, band) in enumerate(zip(modes, bands, strict=True)))
-        raise ShaperError(
-            f"bands are one for all modes, one for each, or several for one mode; there are {len(bands)} for {len(modes)} modes"
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Least:
-    """`duration` [s], *proven*: no sequence that is `among` these is shorter.
-
-    If these are told by `zeros` alone, modes of which nothing is left, and by sizes of amplitudes, it holds for impulses drawn out to
-    pulses of one width, too, with this width added.
-    """
-
-    duration: float
-    among: str
-    zeros: tuple[Mode, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Made:
-    """A shaper, and the least duration of such shapers where that is proven."""
-
-    shaper: Shaper
-    least: Least | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +98,7 @@ def find(name: str) -> tuple[Kind, int]:
 
 def mistakes(kind: Kind, name: str, request: Request) -> list[tuple[str, str]]:
     """Options that this kind does not take, and those that it needs, each with what is wrong."""
-    given = {option for option in OPTIONS if getattr(request, option) not in (None, False)}
+    given = {option for option in OPTIONS if getattr(request, option) is not None and getattr(request, option) is not False}
     wrong = [(option, f"says nothing about {name}; it is for {_takers(option)}") for option in sorted(given - kind.takes)]
     return wrong + [(option, f"is missing; {name} needs it") for option in sorted(kind.needs - given)]
 
@@ -197,6 +142,9 @@ def _order(zeros: Sequence[tuple[Mode, int]]) -> str:
 
 def _compared(shaper: Shaper | None, zeros: Sequence[tuple[Mode, int]]) -> Made:
     """The shaper, or the shortest one, with the proof for positive shapers of these zeros."""
+    counts = [count for _, count in zeros]
+    if shaper is not None and (max(counts) > MOST_DERIVATIVES or sum(counts) + len(counts) > MOST_CONDITIONS):
+        return Made(shaper)
     try:
         shortest = specified([], zeros)
     except SolverError:
@@ -320,12 +268,16 @@ def _on_off(request: Request, number: int) -> Made:
 
 def _deflected(request: Request, number: int) -> Made:
     sums = request.sums or (0.0, 1.0)
-    low, high = _bounds(sums)
+    _bounds(sums)
     limit = request.deflection if request.deflection is not None else math.nan
-    shaper = deflection_limited(request.modes, limit, sums, number, request.sample_time)
-    bound = bounded(request.modes, low, high, number).bound
-    proven = bound.lower if bound.status is Status.PROVED else None
-    return Made(shaper, _least(proven, f"{_summed(sums, 'these zeros')}, whatever they deflect", request.modes))
+    found = deflection_limited(request.modes, limit, sums, number, request.sample_time)
+    least = _within_sums(request.modes, sums, number, "these zeros, whatever they deflect")
+    taken = _down(found.needed * exact(repr(found.step)))
+    # Drawn out to pulses a sequence deflects less: what is proven with a limit says nothing of those.
+    if request.pulse is None and found.needed and (least is None or least.duration < taken):
+        what = f"these zeros at multiples of {found.step!r} s that deflect no mode by more than {limit:g} there, which need {found.needed}"
+        least = _least(taken, _summed(sums, what))
+    return Made(found.shaper, least)
 
 
 def _unshaped(request: Request, number: int) -> Made:

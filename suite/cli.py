@@ -294,7 +294,7 @@ def linearize(
 @click.option("--negative", type=float, help="Size of the negative amplitude (sna-zv).")
 @click.option("--sums", metavar="LOW:HIGH", help="Bounds of the partial sums (sums-zv).")
 @click.option(
-    "--sample-time", type=float, help="Seconds: impulses, or pulses of one height, begin at its multiples only (zv-d:N, pulses-zv)."
+    "--sample-time", type=float, help="Seconds: impulses, or pulses of one height, begin at its multiples only (zv-d:N, dl-zv, pulses-zv)."
 )
 @click.option("--pulse", type=float, help="Seconds: draw every impulse out to a pulse of this width.")
 @click.option("--height", type=float, help="1/s: height of the pulses (pulses-zv).")

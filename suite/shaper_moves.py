@@ -9,7 +9,8 @@ from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
 from relaxations.errors import ImpossibleShaperError, ShaperError
 from relaxations.shaped_moves import Move, in_turn, left_over, rigid, with_zeros, within_band
-from relaxations.shaper_kinds import Request, find
+from relaxations.shaper_kinds import find
+from relaxations.shaper_requests import Request
 from relaxations.shapers import Shaper
 from suite.bound_records import bound_record
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 from fmus.confinement import Confinement
 from relaxations.commands import Command
 from relaxations.moved import Move
-from relaxations.shaper_kinds import Request
+from relaxations.shaper_requests import Request
 from suite.quantity_names import Quantity
 
 if TYPE_CHECKING:

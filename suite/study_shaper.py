@@ -10,7 +10,8 @@ from typing import TypeVar
 
 from relaxations.commands import Command
 from relaxations.errors import CommandError, RelaxationsError, ShaperError
-from relaxations.shaper_kinds import BAND, KINDS, TOLERANCE, Request, find, mistakes
+from relaxations.shaper_kinds import KINDS, find, mistakes
+from relaxations.shaper_requests import BAND, TOLERANCE, Request
 from relaxations.shapers import Shaper
 from suite import schema
 from suite.errors import ABSENT, Mistake

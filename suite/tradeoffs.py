@@ -221,6 +221,8 @@ def plan(study: Study, tolerances_: str | None = None, widths_: str | None = Non
     if study.command.tail:
         why = "a trade-off is about residuals of every plant of a box, and a tail hides in the zeros of one plant only"
         mistakes.append(Mistake("command.tail", True, why))
+    if study.plant.schedule is not None:
+        mistakes.append(Mistake("plant", ABSENT, "varies while it moves: a trade-off is about plants of a box, none of which does"))
     if not study.uncertainties and widths_ is not None:
         mistakes.append(Mistake("uncertainty", ABSENT, "is missing: without a box there is nothing that --widths could widen"))
     if mistakes:

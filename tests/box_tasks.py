@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 import rfc8785
 from independent import StateSpace
+from problems import chain
 
 from fmus.twins import linear_plant, read_twin, twin_family
+from relaxations import moved
 from relaxations.bounds import Bound
 from relaxations.boxes import Axis, Box, Family, Listed
 from relaxations.checking.claims import Outcome, check
@@ -72,6 +74,7 @@ def transfer(names: list[str], numerator: list[dict[tuple[int, ...], Any]], deno
     return Family(upper, lower)
 
 
+Ranges = tuple[tuple[str, str, str], ...]  # parameter, lower and upper end
 ONE, K = {(0,): 1}, {(1,): 1}
 SPRING = transfer(["k"], [ONE], [ONE, {}, K])  # 1/(s² + k)
 SERVO = transfer(["k"], [K], [ONE, {}, K])  # k/(s² + k): its static gain is 1 everywhere
@@ -115,3 +118,21 @@ def forged(content: bytes, change: Any) -> Outcome:
     change(data)
     data.pop("digest")
     return check(rfc8785.dumps({**data, "digest": hashlib.sha256(rfc8785.dumps(data)).hexdigest()})).outcome
+
+
+TWO_MASS = LinearPlant.from_transfer([1], [1, 0, 2, 0, 0])
+BLOCK = LinearPlant.from_transfer([1], [1, "0.2", 1])
+CART = LinearPlant.from_transfer([1, 2], [1, "0.4", 2, 0])
+LAGGED = LinearPlant.from_transfer([4], [1, "2.4", "1.8", 4])  # a real pole and a mode whose roots are no fractions
+PLANTS = {"spring": TWO_MASS, "block": BLOCK, "cart": CART, "lagged": LAGGED, "chain": chain(3)}
+FREQUENCY: Ranges = (("mode[1].frequency", "0.9", "1.1"),)
+DAMPING: Ranges = (("mode[1].damping", "0", "0.2"),)
+ZERO: Ranges = (("zero[1]", "0.8", "1.25"),)
+
+
+@cache
+def tolerant(name: str, ranges: Ranges, displacement: str, tolerance: str = "0.05", final: str | None = None) -> Bound:
+    plant = PLANTS[name]
+    axes = tuple(moved.axis(plant, name, Fraction(low), Fraction(high)) for name, low, high in ranges)
+    box = Box(axes, moved.moved(plant, axes), Fraction(tolerance), final_tolerance=None if final is None else Fraction(final))
+    return minimum_time(problem([plant], Maneuver(Fraction(displacement), Limits.of(-1, 1), box=box)))

@@ -18,8 +18,9 @@ from relaxations.least_durations import Remnant, least_duration
 from relaxations.pulse_intervals import Pulses, _Search, search
 from relaxations.pulses import at_intervals
 from relaxations.sampled_shapers import sampled
-from relaxations.shaper_kinds import Request, make
+from relaxations.shaper_kinds import make
 from relaxations.shaper_modes import Mode
+from relaxations.shaper_requests import Request
 from relaxations.shapers import Shaper
 
 ONE, TWO = (Mode(2 * math.pi, 0.05),), (Mode(2 * math.pi, 0.05), Mode(17.0, 0.02))

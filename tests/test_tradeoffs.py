@@ -50,6 +50,9 @@ input = [-1.0, 1.0]
 """
 
 
+PROBLEMS = Path(__file__).parents[1] / "suite" / "problems"
+
+
 def run(*arguments: object) -> Result:
     return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
 
@@ -219,6 +222,24 @@ def test_studies_without_a_trade_off(tmp_path: Path, change: tuple[str, str], wo
     done = run("tradeoff", study)
     assert (done.exit_code, done.stdout) == (2, "")
     assert words in done.stderr
+
+
+def test_a_plant_that_varies_has_no_trade_off() -> None:
+    done = run("tradeoff", PROBLEMS / "varying_gain.toml")
+    assert done.exit_code == 2
+    assert "varies while it moves" in done.stderr
+
+
+def test_uncertain_modes_of_numbers_have_widths_too() -> None:
+    """A mode within 16.3 % down and 14.0 % up is a stiffness within 30 %: another family of the same plants."""
+    record = json.loads(
+        run("tradeoff", PROBLEMS / "two_mass_box.toml", "--tolerances", "0.1:0.2:2", "--widths", "0.5:1:2", "--json").stdout
+    )
+    assert {point["status"] for point in (*record["tolerances"], *record["widths"])} == {"proved"}
+    lower, upper = sides(record["tolerances"][1])
+    assert lower <= 6.77832 <= upper, "as of the stiffness"
+    low, high = record["widths"][0]["ranges"]["mode[1].frequency"]
+    assert (low, high) == (pytest.approx(0.91833001325), pytest.approx(1.07008771255))
 
 
 def test_a_study_of_another_robustness_says_what_this_is_about(tmp_path: Path) -> None:

@@ -1,0 +1,71 @@
+"""What is asked of a shaper, and what comes of it: the impulses, and how short such shapers could be at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from relaxations.errors import ShaperError
+from relaxations.insensitive import Band
+from relaxations.shaper_modes import Mode
+from relaxations.shapers import Shaper
+
+TOLERANCE, BAND = 0.05, (0.8, 1.2)  # unless a request says otherwise
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a shaper is made for: `modes`, and the numbers that its kind needs (None: not given).
+
+    `tolerance` is a fraction of the unshaped vibration, `band` factors of each mode's frequency, `negative` the size of the negative
+    impulse, `sums` bounds of the partial sums, `sample_time` [s] the grid of the instants; `simultaneous`: one solution for all modes
+    instead of a convolution of one for each. `bands` (low, high, tolerance) take the place of band and tolerance: one for each mode, or
+    several for one mode. `pulse` [s] draws impulses out to pulses of this width, `height` [1/s] is that of all pulses; `impulses` are a
+    shaper that is given. `deflection` limits how far the shaped step takes a mode from it, as a fraction of what an unshaped one does.
+    """
+
+    modes: tuple[Mode, ...]
+    tolerance: float = TOLERANCE
+    band: tuple[float, float] = BAND
+    negative: float | None = None
+    sums: tuple[float, float] | None = None
+    sample_time: float | None = None
+    simultaneous: bool = False
+    bands: tuple[tuple[float, float, float], ...] = ()
+    pulse: float | None = None
+    height: float | None = None
+    impulses: Shaper | None = None
+    deflection: float | None = None
+
+    def reaches(self) -> tuple[tuple[int, Band], ...]:
+        """Every band with the number of its mode, from 0; raises `ShaperError` if bands and modes do not go together."""
+        modes, bands = self.modes, self.bands or ((*self.band, self.tolerance),)
+        if len(bands) == 1:
+            return tuple((i, Band(mode, *bands[0])) for i, mode in enumerate(modes))
+        if len(modes) == 1:
+            return tuple((0, Band(modes[0], *band)) for band in bands)
+        if len(modes) == len(bands):
+            return tuple((i, Band(mode, *band)) for i, (mode, band) in enumerate(zip(modes, bands, strict=True)))
+        raise ShaperError(
+            f"bands are one for all modes, one for each, or several for one mode; there are {len(bands)} for {len(modes)} modes"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Least:
+    """`duration` [s], *proven*: no sequence that is `among` these is shorter.
+
+    If these are told by `zeros` alone, modes of which nothing is left, and by sizes of amplitudes, it holds for impulses drawn out to
+    pulses of one width, too, with this width added.
+    """
+
+    duration: float
+    among: str
+    zeros: tuple[Mode, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A shaper, and the least duration of such shapers where that is proven."""
+
+    shaper: Shaper
+    least: Least | None = None
