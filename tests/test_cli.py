@@ -192,6 +192,12 @@ def test_verify_prints_the_table_the_bracket_the_worst_case_and_the_report(tmp_p
     assert lines[-1] == "verdict: PASS"
 
 
+@pytest.mark.parametrize(("problem", "listed"), [("two_mass_box", True), ("rigid_body_sampled", True), ("two_mass_rate", False)])
+def test_a_staircase_of_few_levels_is_listed_and_ramps_are_not(problem: str, listed: bool) -> None:
+    done = run("bound", Path(__file__).parents[1] / "suite" / "problems" / f"{problem}.toml")
+    assert ("from, s" in done.stdout) is listed
+
+
 def test_bound_json_is_one_object_as_the_contract_has_it(tmp_path: Path) -> None:
     done = run("bound", small_study(tmp_path), "--json")
     assert (done.exit_code, done.stderr) == (0, "")
