@@ -27,9 +27,9 @@ def derivative_shaper(mode: Mode, derivatives: int = 0) -> Shaper:
     if derivatives < 0:
         raise ShaperError(f"derivatives are counted from 0 (zv) on, not {derivatives}")
     n, decay, half = derivatives + 1, mode.decay, mode.half_period
-    whole = (1.0 + decay) ** n
-    if n > 1000 or math.isinf(whole):
+    if n > 1000:
         raise ShaperError(f"{derivatives} derivatives: more than 999 are more than doubles can hold")
+    whole = (1.0 + decay) ** n
     return Shaper(tuple(k * half for k in range(n + 1)), tuple(math.comb(n, k) * decay**k / whole for k in range(n + 1)))
 
 

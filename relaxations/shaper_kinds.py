@@ -28,6 +28,10 @@ from relaxations.shaper_modes import Mode
 from relaxations.shaper_requests import Least, Made, Request
 from relaxations.shapers import Shaper, as_pulses, convolve
 
+MOST_DERIVATIVES, MOST_CONDITIONS = (
+    11,
+    30,
+)  # beyond them a least duration is not searched for: doubles cannot tell the conditions apart
 WHOLE = 1e-9  # partial sums this close to a whole number are it
 CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 
@@ -94,7 +98,7 @@ def find(name: str) -> tuple[Kind, int]:
 
 def mistakes(kind: Kind, name: str, request: Request) -> list[tuple[str, str]]:
     """Options that this kind does not take, and those that it needs, each with what is wrong."""
-    given = {option for option in OPTIONS if getattr(request, option) not in (None, False)}
+    given = {option for option in OPTIONS if getattr(request, option) is not None and getattr(request, option) is not False}
     wrong = [(option, f"says nothing about {name}; it is for {_takers(option)}") for option in sorted(given - kind.takes)]
     return wrong + [(option, f"is missing; {name} needs it") for option in sorted(kind.needs - given)]
 
@@ -138,6 +142,9 @@ def _order(zeros: Sequence[tuple[Mode, int]]) -> str:
 
 def _compared(shaper: Shaper | None, zeros: Sequence[tuple[Mode, int]]) -> Made:
     """The shaper, or the shortest one, with the proof for positive shapers of these zeros."""
+    counts = [count for _, count in zeros]
+    if shaper is not None and (max(counts) > MOST_DERIVATIVES or sum(counts) + len(counts) > MOST_CONDITIONS):
+        return Made(shaper)
     try:
         shortest = specified([], zeros)
     except SolverError:

@@ -232,7 +232,11 @@ def _request(asked: Asked, known: tuple[Mode, ...]) -> tuple[Request, tuple[floa
         tried("--band", request.reaches)
     try:
         kind, _ = find(asked.kind)
-        wrong += [f"--{option.replace('_', '-')} {problem}" for option, problem in mistakes(kind, asked.kind, request)]
+        wrong += [
+            f"--{option.replace('_', '-')} {problem}"
+            for option, problem in mistakes(kind, asked.kind, request)
+            if getattr(asked, option) is None or getattr(request, option) is not None
+        ]  # else it is there, and wrong
     except ShaperError as problem:
         names = [name for kind in KINDS for name in kind.written.split(", ")]
         wrong.append(f"{problem}{did_you_mean(asked.kind, names)}")

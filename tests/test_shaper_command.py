@@ -98,6 +98,13 @@ def test_instants_on_a_sample_grid_leave_nothing(kind: str, step: float):
     assert found["duration"] >= 0.5  # half a period of the slower mode, which ZV needs at least
 
 
+def test_many_derivatives_are_made_at_once_and_nothing_is_claimed_of_them():
+    found = record("zv-d:300", "--mode", "1Hz:0.05")
+    assert found["least_duration"] is None
+    assert found["worst_residual"][1] < 1e-9
+    assert "least duration: none was proven" in run("zv-d:300", "--mode", "1Hz:0.05").stdout
+
+
 def test_the_table_says_what_is_proved_and_what_is_measured():
     done = run("um-zv", "--mode", "1.0Hz:0.05")
     assert done.exit_code == 0
@@ -167,6 +174,9 @@ def test_the_step_response_is_that_of_the_differential_equation():
         (["zv", "--mode", "1Hz:0", "--sample-time", "-1"], 2, ["--sample-time"]),
         (["zv", "--mode", "1Hz:0", "--export", "taps.txt"], 2, ["taps.txt", ".cfg", ".g", ".h"]),
         (["ei", "--mode", "-1Hz:0", "--band", "x", "--tolerance", "7"], 2, ["3 mistakes"]),
+        (["zv-d:2000", "--mode", "1Hz:0"], 2, ["2000 derivatives", "999"]),
+        (["pulses-zv", "--mode", "1Hz:0", "--height", "0"], 2, ["--height 0.0: a positive number"]),
+        (["custom", "--mode", "1Hz:0", "--impulses", "0:0.5,0.5:0.4"], 2, ["error: --impulses: amplitudes sum to 1, not to 0.9"]),
         (["zv", "--mode", "1Hz:0", "--sample-time", "0.7"], 1, ["impossible", "0.5 s"]),
         (["sums-zv", "--mode", "1Hz:0", "--sums", "0.1:0.9"], 1, ["impossible", "at most 0 and at least 1"]),
     ],
