@@ -228,10 +228,15 @@ def _sums_of(shaper: Shaper) -> tuple[float, float]:
     return low, max(high, 1.0)
 
 
+def _different(modes: Sequence[Mode]) -> tuple[Mode, ...]:
+    """Each mode once: what leaves nothing of it leaves nothing of another just like it (a plant with both would ask for a derivative more)."""
+    return tuple(dict.fromkeys(modes))
+
+
 def _within_sums(zeros: Sequence[Mode], sums: tuple[float, float], derivatives: int, what: str) -> Least | None:
     """How short any sequence with partial sums in these bounds could be."""
     try:
-        bound = bounded(zeros, *_bounds(sums), derivatives).bound
+        bound = bounded(_different(zeros), *_bounds(sums), derivatives).bound
     except (ShaperError, SolverError):
         return None
     return _least(bound.lower if bound.status is Status.PROVED else None, _summed(sums, what), zeros)
@@ -247,7 +252,7 @@ def _sums(request: Request, number: int) -> Made:
 
 def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> Made:
     low, high = _bounds(sums)
-    found = bounded(modes, low, high, number)
+    found = bounded(_different(modes), low, high, number)
     proven = found.bound.lower if found.bound.status is Status.PROVED else None
     return Made(found.shaper, _least(proven, _summed(sums, "these zeros"), modes))
 
