@@ -229,7 +229,7 @@ def _sums_of(shaper: Shaper) -> tuple[float, float]:
 
 
 def _different(modes: Sequence[Mode]) -> tuple[Mode, ...]:
-    """Each mode once: what leaves nothing of it leaves nothing of another just like it (a plant with both would ask for a derivative more)."""
+    """Each mode once: what leaves nothing of it leaves nothing of another just like it, where a plant with both asks for a derivative more."""
     return tuple(dict.fromkeys(modes))
 
 
@@ -260,9 +260,9 @@ def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> M
 def _on_off(request: Request, number: int) -> Made:
     height = request.height if request.height is not None else math.nan
     if request.sample_time is None:
-        found = pulsed(request.modes, height, number)
+        found = pulsed(_different(request.modes), height, number)
     else:
-        found = at_intervals(request.modes, height, request.sample_time, number)
+        found = at_intervals(_different(request.modes), height, request.sample_time, number)
     proven = found.bound.lower if found.bound.status is Status.PROVED else None
     if request.sample_time is not None and found.intervals:
         what = f"pulses of {height:g} 1/s that begin at multiples of {request.sample_time!r} s, of which {found.intervals} are needed"
@@ -314,11 +314,11 @@ def _bounds(sums: tuple[float, float]) -> tuple[Fraction, Fraction]:
 
 
 def _all(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return request.modes, number
+    return _different(request.modes), number
 
 
 def _once(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return request.modes, 0
+    return _different(request.modes), 0
 
 
 def _between_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
