@@ -185,13 +185,16 @@ def bracket(problem: Problem, settings: Settings | None = None, near: float | No
 def _tail_only(problem: Problem) -> Reals | None:
     """The tail that does the whole maneuver in no time, if there is one: as many stable zeros as poles, and room for it."""
     tail = problem.tail
-    if tail.size < problem.size or problem.residuals is not None:
+    if tail.size < problem.size or problem.residuals is not None or problem.rate is not None:
         return None
-    coefficients: Reals = np.linalg.solve(tail.columns, -problem.target).astype(np.float64)
+    coefficients: Reals = np.linalg.solve(tail.columns, -problem.aimed(0.0)).astype(np.float64)
     looks = tail.looks().instants
     course, (above, below) = tail.rows(looks) @ coefficients, tail.room(looks)
     slack = 1e-12 * (problem.upper - problem.lower)  # a tail may begin on a limit exactly; the proof decides
     over = [*(course - above - slack), *(-course - below - slack)]
+    for one in tail.aspects:
+        further = tail.rows(looks) @ one.turned @ coefficients
+        over += [*(further - one.above * (1.0 + 1e-12)), *(-further - one.below * (1.0 + 1e-12))]
     over += [size - cap.bound * (1.0 + 1e-12) for cap, size in zip(tail.caps, tail.sizes(coefficients), strict=True)]
     return coefficients if max(over) <= 0.0 else None
 
@@ -367,19 +370,21 @@ def exponent_of(solution: programs.GridSolution) -> float:
     return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0
 
 
-def ramped(problem: Problem, instants: Reals, values: Reals) -> Command:
-    """The command that goes straight from value to value (deviations) at all nodes but the last, where it is at its final rest."""
-    slopes = np.diff(np.append(values, problem.hold)) / np.diff(instants)
+def ramped(problem: Problem, instants: Reals, values: Reals, tail: Reals) -> Command:
+    """The command that goes straight from value to value (deviations) at all nodes but the last, where it is at its final rest, or where
+    its tail begins."""
+    end = problem.hold + float((problem.tail.rows(np.zeros(1)) @ tail)[0])
+    slopes = np.diff(np.append(values, end)) / np.diff(instants)
     pieces = zip(instants[:-1], values, slopes, strict=True)
     segments = tuple(Segment(float(s), problem.absolute(float(v)), float(slope)) for s, v, slope in pieces)
-    return Command(float(instants[-1]), segments, Tail(problem.absolute(problem.hold)))
+    return Command(float(instants[-1]), segments, Tail(problem.absolute(problem.hold), problem.tail.terms(tail)))
 
 
 def staircase(problem: Problem, solution: programs.GridSolution) -> Command:
     """The grid's own command, divided by α ≥ 1 so that it reaches the target itself; equal neighbours are one segment."""
     levels = solution.levels / solution.fraction
     if problem.sloped:
-        return ramped(problem, solution.program.instants, np.concatenate([[0.0], levels[:-1]]))
+        return ramped(problem, solution.program.instants, np.concatenate([[0.0], levels[:-1]]), solution.tail_coefficients)
     horizon, starts = solution.program.maneuver_time, solution.program.instants[:-1]
     keep = np.concatenate([[True], np.diff(levels) != 0.0])
     segments = tuple(Segment(float(s), problem.absolute(float(u))) for s, u in zip(starts[keep], levels[keep], strict=True))

@@ -147,6 +147,8 @@ def costate_witness(
     presses = [{"output": p.course.name, "begin": text(p.begin), "end": text(p.end), "weight": text(p.weight)} for p in prices.pressed]
     rates = [{"edges": [text(x) for x in ramp.edges], "levels": [text(x) for x in ramp.levels]} for ramp in prices.ramps]
     others = {"fuel": text(prices.fuel), "deflection": presses, "ramps": rates, "steps": [text(x) for x in prices.steps]}
+    after = [{"output": name, "time": text(at), "upper": text(up), "lower": text(down)} for name, at, up, down in prices.after]
+    others["after"] = after
     residuals = problem.residuals
     if residuals is None:
         return {"costate": plants, "tail": written, "samples": [], **others}

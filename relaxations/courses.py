@@ -207,8 +207,8 @@ class _Entries:
 def courses_of(plants: Sequence[LinearPlant], maneuver: Maneuver, begin: Reals | None = None) -> tuple[Course, ...]:
     """The outputs whose deflection is limited, from moments `begin` on; raises `ManeuverError` for one that may not be."""
     found = []
-    if maneuver.limits.deflection and (maneuver.tail or maneuver.box is not None):
-        raise ManeuverError("deflection limits belong to a state rest of one plant: no tail, no box with them")
+    if maneuver.limits.deflection and maneuver.box is not None:
+        raise ManeuverError("deflection limits do not go with a box yet: valid are further zeros, 0, 1, 2 …")
     for name, limit in maneuver.limits.deflection.items():
         for plant in plants:
             if name not in plant.numerators:

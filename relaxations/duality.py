@@ -211,7 +211,7 @@ def _followed(problem: Problem, costate: Reals, near: float, price: float, price
     p, first = sampled_costate(bases, parts, prices.pressed, points), 0.0
     if prices.ramps and problem.rate is not None:
         limits, edges = (problem.lower, problem.upper), points
-        total, first = ramped(p, points, limits, problem.rate, float(prices.fuel), prices.ramps)
+        total, first = ramped(p, points, limits, problem.rate, float(prices.fuel), prices.ramps, *prices.steps)
     else:
         total = np.concatenate([[0.0], np.cumsum(_cells(problem, p, np.diff(edges), float(prices.fuel)))])
     left = _wanted(problem, costate, edges, price - first * problem.hold, prices) - total

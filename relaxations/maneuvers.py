@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from relaxations.moments import Basis
 from relaxations.plants import LinearPlant, Pole, roots
 from relaxations.ramps import hats, rate_of
 from relaxations.residuals import Residuals, Sample
-from relaxations.tails import TailLength, TailSpace, caps, tail_columns
+from relaxations.tails import Aspect, TailLength, TailSpace, caps, passed, sloping, tail_columns, turning
 from relaxations.transitions import Transition
 
 Reals = NDArray[np.float64]
@@ -221,7 +222,11 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
     if maneuver.tail:
         if len(plants) != 1:
             raise ManeuverError("an output rest is a matter of one plant: a tail hides in the zeros of that plant only")
-        plants = [_visible(plant) for plant in plants]
+        plants, whole = [_visible(plant) for plant in plants], plants[0]
+        if maneuver.initial is not None and plants[0].order != whole.order:
+            raise ManeuverError(
+                "an initial state moves modes that the output cannot see: state rest (tail = false) brings them to rest too"
+            )
     if maneuver.tail_length is not None and not (maneuver.tail and maneuver.tail_length[0] >= 0 and 0 < maneuver.tail_length[1] <= 1):
         raise ManeuverError("a tail length (time from 0 on, fraction from 0 to 1) needs an output rest, tail = true")
     sampling, begin = _sampling(plants, maneuver), _begin(plants, maneuver)
@@ -252,7 +257,9 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
     zeros, limited = caps(plants[0], stable, _sensitivities(plants[0], maneuver), maneuver.displacement)
     final = maneuver.rest + hold
     length = None if maneuver.tail_length is None else TailLength(*map(float, maneuver.tail_length))
-    tail = TailSpace(zeros, tail_columns(tuple(own.basis for own in sets), zeros), float(high - final), float(final - low), length, limited)
+    courses, rate = courses_of(plants, maneuver, begin), rate_of(maneuver)
+    columns, aspects = tail_columns(tuple(own.basis for own in sets), zeros), _aspects(plants[0], zeros, courses, rate)
+    tail = TailSpace(zeros, columns, float(high - final), float(final - low), length, limited, aspects)
     return Problem(
         float(low - maneuver.rest),
         float(high - maneuver.rest),
@@ -263,8 +270,8 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         tail,
         float(maneuver.rest),
         None if fuel is None else float(fuel),
-        courses_of(plants, maneuver, begin),
-        rate_of(maneuver),
+        courses,
+        rate,
         residuals,
         begin,
         (*(note for plant in plants for note in plant.notes), *sampling),
@@ -287,8 +294,13 @@ def _begin(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Reals | None:
     start = maneuver.initial
     if start is None:
         return None
-    if len(plants) != 1 or maneuver.tail or maneuver.box is not None or (maneuver.robustness and maneuver.robustness != 0):
-        raise ManeuverError("an initial state is a matter of one plant's state rest: no tail, no further zeros, no box")
+    if len(plants) != 1 or maneuver.box is not None:
+        raise ManeuverError("an initial state is one plant's: where the other plants of a box would begin it does not say")
+    if maneuver.robustness and maneuver.robustness != 0:
+        raise ManeuverError(
+            "an initial state does not go with further zeros: they make what is left flat in a mode's frequency, and what the initial "
+            "state would be at another frequency is not known"
+        )
     (plant,) = plants
     if len(start) != plant.order:
         raise ManeuverError(f"an initial state has {plant.order} numbers, not {len(start)}")
@@ -315,6 +327,20 @@ def _sampling(plants: Sequence[LinearPlant], maneuver: Maneuver) -> list[str]:
         for half in sorted(halves)
         if step > half
     ]
+
+
+def _aspects(plant: LinearPlant, zeros: Sequence[Pole], courses: Sequence[Course], rate: tuple[float, float] | None) -> tuple[Aspect, ...]:
+    """What else of a tail is limited: the input's slope, and named outputs, about where they come to rest."""
+    if not zeros:
+        return ()
+    slope = [Aspect(None, turning(zeros, sloping), rate[1], -rate[0])] if rate else []
+    seen = [
+        one for one in courses if plant.numerators[one.name] % plant.numerators[plant.output]
+    ]  # not the controlled output's derivatives
+    outputs = [
+        Aspect(one.name, turning(zeros, partial(passed, plant, one.name)), one.limit - one.final, one.limit + one.final) for one in seen
+    ]
+    return (*slope, *outputs)
 
 
 def _boxed(plants: Sequence[LinearPlant], maneuver: Maneuver, box: Box, hold: float) -> tuple[tuple[TargetSet, ...], Residuals]:

@@ -30,10 +30,10 @@ class GridProgram:
 
     `instants` (N + 1,) of the grid [s] from 0 to the maneuver time, `rows` (m, N) orthonormal, `target` (m,), `basis_change` R with
     rows = R^{-T} · table, limits in input units; of the tail `columns` (m, n) in the same rows, and its limits `shapes` (k, n) with the
-    room `above` and `below` (k,): at the instants `looks` [s] after the move first, then the faces of its caps, of these `bounds` at the
-    places `capped` of its coefficients. The courses of the move (`motion`) are limited
-    to 1 on either side of zero at α = 1, where they come to rest at `finals`, and to what is left of that beside `α finals` else. All
-    limits but the input's are tightened by the fraction `inside`.
+    room `above` and `below` (k,): at the instants `looks` [s] after the move first, of the input and then of its other aspects (`aspect`,
+    0 the input, each measured in its `unit`), then the faces of its caps, of these `bounds` at the places `capped` of its coefficients. The
+    courses of the move (`motion`) are limited to 1 on either side of zero at α = 1, where they come to rest at `finals`, and to what is
+    left of that beside `α finals` else. All limits but the input's are tightened by the fraction `inside`.
     """
 
     problem: Problem
@@ -50,6 +50,8 @@ class GridProgram:
     below: Reals
     bounds: Reals
     capped: tuple[tuple[int, ...], ...]
+    aspect: NDArray[np.intp]
+    unit: Reals
     motion: Motion | None = None
     inside: float = 0.0
 
@@ -83,8 +85,20 @@ def build(problem: Problem, instants: Reals, looks: Looks | None = None, inside:
     tail = problem.tail
     at, (faces, room) = looks or tail.looks(), tail.faces((looks or tail.looks()).turns)
     above, below = (np.concatenate([side, room]) * (1.0 - inside) for side in tail.room(at.instants))
-    shapes, bounds = np.vstack([tail.rows(at.instants), faces]), np.array([cap.bound for cap in tail.caps]) * (1.0 - inside)
-    return GridProgram(*moves, at.instants, shapes, above, below, bounds, tuple(cap.at for cap in tail.caps), *bent)
+    shapes, bounds = [tail.rows(at.instants)], np.array([cap.bound for cap in tail.caps]) * (1.0 - inside)
+    sides, units = [(above, below)], [1.0]
+    count, half = len(at.instants), (problem.upper - problem.lower) / 2
+    above, below = above[:count], below[:count]
+    for one in tail.aspects:
+        units.append(half / max(one.above, one.below))
+        shapes.append(units[-1] * shapes[0] @ one.turned)
+        rooms = [np.full(count, units[-1] * side * (1.0 - inside)) for side in (one.above, one.below)]
+        above, below = np.concatenate([above, rooms[0]]), np.concatenate([below, rooms[1]])
+    above, below = np.concatenate([above, sides[0][0][count:]]), np.concatenate([below, sides[0][1][count:]])
+    aspect = np.repeat(np.arange(len(units)), count)
+    timed = np.tile(at.instants, len(units))
+    caps = tuple(cap.at for cap in tail.caps)
+    return GridProgram(*moves, timed, np.vstack([*shapes, faces]), above, below, bounds, caps, aspect, np.array(units)[aspect], *bent)
 
 
 def _orthonormal(problem: Problem, instants: Reals) -> tuple[Reals, Reals, float]:
@@ -97,7 +111,7 @@ def _orthonormal(problem: Problem, instants: Reals) -> tuple[Reals, Reals, float
     return orthonormal, change, float(np.min(np.abs(np.diag(change)) / lengths[: len(change)]))
 
 
-_NO_LIMITS = np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0), ()
+_NO_LIMITS = np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0), (), np.zeros(0, dtype=np.intp), np.zeros(0)
 
 
 def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | None, inside: float) -> GridProgram:
@@ -117,6 +131,8 @@ def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | N
         target=np.concatenate([program.target, np.zeros(free)]),
         columns=np.vstack([np.zeros((len(program.target), free)), np.eye(free)]),
         looks=at,
+        aspect=np.zeros(len(at), dtype=np.intp),
+        unit=np.ones(len(at)),
         shapes=shapes,
         above=allowed + offset,
         below=allowed - offset,

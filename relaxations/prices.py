@@ -17,12 +17,14 @@ Reals = NDArray[np.float64]
 @dataclass(frozen=True, slots=True)
 class Prices:
     """Of the fuel μ ≥ 0 [1/input unit · s], of named outputs, of the slope (where it is on a limit), and of the input's steps from sample
-    to sample (the last one, to the final rest, first)."""
+    to sample (the last one, to the final rest, first); or that of where a continuous input is when a tail begins, alone. `after` the move:
+    of what a tail does to the slope (None) or to an output, (name, instant [s], μ⁺, μ⁻)."""
 
     fuel: float | Fraction = 0.0
     pressed: tuple[Press, ...] = ()
     ramps: tuple[Ramp, ...] = ()
     steps: tuple[float, ...] = ()
+    after: tuple[tuple[str | None, float, float, float], ...] = ()
 
 
 NONE = Prices()

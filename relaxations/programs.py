@@ -98,7 +98,8 @@ class GridSolution:
     @property
     def tail_multipliers(self) -> tuple[tuple[float, float, float], ...]:
         """(instant after the move [s], μ⁺, μ⁻) wherever one is not zero."""
-        triples = zip(self.program.looks, self.mu_above, self.mu_below, strict=False)  # those of the caps come after
+        own = np.count_nonzero(self.program.aspect == 0)  # those of its other aspects and of the caps come after
+        triples = zip(self.program.looks[:own], self.mu_above, self.mu_below, strict=False)
         return tuple((float(t), float(above), float(below)) for t, above, below in triples if above > 0.0 or below > 0.0)
 
     def price(self, problem: Problem) -> float:
@@ -167,7 +168,13 @@ def _stated(
         end = cp.hstack([fraction * named["end"]])
         steps = cp.hstack([levels, end])[:count] - cp.hstack([0.0, levels])[:count]
         named |= {"up": steps <= named["rising"], "down": steps >= named["falling"]}
-        limits += [named["up"], named["down"], *([levels[-1:] == end] if slope is Slope.RAMPS else [])]
+        limits += [named["up"], named["down"]]
+        if slope is Slope.RAMPS:
+            if coefficients:
+                named["begins"] = cp.Parameter(coefficients)
+                end = end + cp.hstack([named["begins"] @ named["tail"]])
+            named["landing"] = levels[-1:] == end
+            limits.append(named["landing"])
     if motion is not None:
         count, past = len(motion.places), motion.unknowns
         named |= {"half": cp.Parameter(), "risen": cp.Parameter(count), "over": cp.Parameter(count), "under": cp.Parameter(count)}
@@ -212,6 +219,8 @@ def solve(program: GridProgram) -> GridSolution:
         step = program.problem.maneuver.sample_time
         steps = np.diff(program.instants) / half if step is None else np.full(cells + 1, float(step) / half)
         values |= {"rising": rate[1] * steps, "falling": rate[0] * steps, "end": program.problem.hold / length}
+        if coefficients and slope is Slope.RAMPS:
+            values["begins"] = program.problem.tail.rows(np.zeros(1))[0] * unit
         if fuel is not None and step is None:  # nodes carry half of either cell
             values["widths"] = (values["widths"] + np.append(values["widths"][1:], 0.0)) / 2
     if motion is not None:
@@ -236,17 +245,27 @@ def solve(program: GridProgram) -> GridSolution:
     prices = (
         [np.maximum(np.asarray(compiled[name].dual_value), 0.0) for name in ("ceiling", "floor")] if coefficients else [np.zeros(looks)] * 2
     )
-    wrong = float(multiplier @ program.target) < 0.0
-    if program.problem.residuals is not None:  # their limits may pay instead: the sign is then the one that they balance, for z is free
-        wrong = float((program.columns.T @ multiplier) @ (program.shapes.T @ (prices[0] - prices[1]))) > 0.0
-    if wrong:
-        multiplier = -multiplier
-    k = len(program.looks)
-    pull = program.columns.T @ multiplier + program.shapes[:k].T @ (prices[0] - prices[1])[:k]
     bent = [np.maximum(compiled[name].dual_value, 0.0) for name in ("bent", "unbent")] if motion is not None else []
     held = half * (bent[0] - bent[1]) if motion is not None else np.zeros(0)
     risen = float(held @ (motion.finals - motion.free)) if motion is not None else 0.0
-    scale = float(multiplier @ program.target) - _price(program, prices[0], prices[1], pull) - risen
+    ends = {Slope.FREE: [0.0], Slope.RAMPS: [1.0, -1.0], Slope.STEPS: [1.0]}[slope]  # the multiplier of where the input has to end
+    if slope is Slope.RAMPS:
+        ends = [sign * float(compiled["landing"].dual_value[0]) for sign in ends]
+    elif slope is Slope.STEPS:
+        ends = [max(float(compiled["up"].dual_value[-1]), 0.0) - max(float(compiled["down"].dual_value[-1]), 0.0)]
+    signs = [(sign * multiplier, end) for sign in (1.0, -1.0) for end in ends]
+    if program.problem.residuals is not None:  # their limits may pay instead: the sign is then the one that they balance, for z is free
+        balance = float((program.columns.T @ multiplier) @ (program.shapes.T @ (prices[0] - prices[1])))
+        signs = [(-multiplier if balance > 0.0 else multiplier, ends[0])]
+    turned = [_Turned.of(program, prices, *sign, risen, length) for sign in signs]
+    best = min(turned, key=lambda one: one.off)
+    multiplier, landing, pull, scale = best.multiplier, best.landing, best.pull, best.scale
+    if slope is Slope.RAMPS and coefficients and not _ends_on_a_ramp(program, levels):
+        # Where the slope is not on a limit q is 0: what is left of it, half a cell's worth, is the limit's that the tail begins on.
+        at = int(np.argmin(program.looks[program.aspect == 0]))
+        kept = max(prices[0][at] + landing, 0.0)
+        prices[1][at], prices[0][at] = prices[1][at] - min(prices[0][at] + landing, 0.0), kept
+        landing = 0.0
     if scale <= 0.0:
         raise SolverError(f"the multipliers at T = {program.maneuver_time!r} s vanish on the target")
     return GridSolution(
@@ -259,11 +278,21 @@ def solve(program: GridProgram) -> GridSolution:
         prices[1] / scale,
         pull / scale,
         status,
-        _prices(program, levels, compiled, held / scale, slope, width, scale),
+        _prices(program, levels, compiled, held / scale, slope, width, scale, prices, landing),
     )
 
 
-def _prices(program: GridProgram, levels: Reals, compiled: dict[str, Any], held: Reals, slope: Slope, width: float, scale: float) -> Prices:
+def _prices(
+    program: GridProgram,
+    levels: Reals,
+    compiled: dict[str, Any],
+    held: Reals,
+    slope: Slope,
+    width: float,
+    scale: float,
+    tail: list[Reals],
+    landing: float,
+) -> Prices:
     """What the solver says of the limits that do not scale with α."""
     posed, motion = program.problem, program.motion
     fuel = 0.0 if posed.fuel is None else max(float(compiled["budget"].dual_value), 0.0) / (width * scale)
@@ -271,7 +300,43 @@ def _prices(program: GridProgram, levels: Reals, compiled: dict[str, Any], held:
     pressed = presses(posed.courses, motion.places, held, program.instants, spread) if motion is not None else ()
     ramps = priced(program.instants, levels, posed.rate, fuel) if posed.rate and slope is Slope.RAMPS else ()
     up, down = (np.maximum(compiled[name].dual_value, 0.0) for name in ("up", "down")) if slope is Slope.STEPS else (np.zeros(0),) * 2
-    return Prices(fuel, pressed, ramps, tuple(float(x) for x in (up - down)[::-1] / scale))
+    steps = tuple(float(x) for x in (up - down)[::-1] / scale)
+    if posed.tail.size and landing and ramps and ramps[0].edges[0] == 0.0:
+        steps = (landing / scale,)
+    names = [None, *(aspect.name for aspect in posed.tail.aspects)]
+    own = [(i, program.unit[i] / scale) for i in np.flatnonzero(program.aspect)] if posed.tail.aspects else []
+    after = ((names[program.aspect[i]], float(program.looks[i]), float(tail[0][i] * u), float(tail[1][i] * u)) for i, u in own)
+    return Prices(fuel, pressed, ramps, steps, tuple(one for one in after if one[2] > 0.0 or one[3] > 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class _Turned:
+    """Multipliers of the equations with one choice of signs, which the solver does not tell, and how far off stationarity they are."""
+
+    multiplier: Reals
+    landing: float
+    pull: Reals
+    scale: float
+    off: float
+
+    @staticmethod
+    def of(program: GridProgram, prices: list[Reals], multiplier: Reals, landing: float, risen: float, length: float) -> _Turned:
+        k, tail = len(program.looks), program.problem.tail
+        force = program.columns.T @ multiplier
+        pull = force + program.shapes[:k].T @ (prices[0] - prices[1])[:k]
+        if program.problem.sloped and len(pull):
+            pull = pull + landing * tail.rows(np.zeros(1))[0]
+        free = np.setdiff1d(np.arange(len(pull)), [at for places in program.capped for at in places]).astype(np.intp)
+        scale = float(multiplier @ program.target) - _price(program, prices[0], prices[1], pull) - risen
+        size = float(np.linalg.norm(force)) + np.finfo(float).tiny
+        left = abs(scale + landing * program.problem.hold - length) / length + float(np.linalg.norm(pull[free])) / size
+        return _Turned(multiplier, landing, pull, scale, left)
+
+
+def _ends_on_a_ramp(program: GridProgram, levels: Reals) -> bool:
+    rate = program.problem.rate
+    ramps = priced(program.instants, levels, rate, 0.0) if rate else ()
+    return bool(ramps) and ramps[0].edges[0] == 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,8 +99,10 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         elif problem.maneuver.sample_time is None:
             return robust_time(problem, task, chosen, near, begun)
         else:
-            free = minimum(replace(problem, maneuver=replace(problem.maneuver, sample_time=None)), chosen, guess=near)
-            problem = replace(free.problem, maneuver=replace(free.problem.maneuver, sample_time=problem.maneuver.sample_time))
+            asked = problem.maneuver  # without the samples and their steps: its places in the box serve here too
+            without = replace(asked, sample_time=None, limits=replace(asked.limits, rate=None))
+            free = minimum(replace(problem, rate=None, maneuver=without), chosen, guess=near)
+            problem = replace(free.problem, rate=problem.rate, maneuver=replace(asked, box=free.problem.maneuver.box))
     proof, found, count, trouble = Proof(), None, 0, None
     gridded = problem.maneuver.sample_time is not None
     if problem.courses or problem.rate is not None:
@@ -118,7 +120,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         found = looked if found is None or (found.switches is None and looked.switches is not None) else found
         proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
         enough = REGULAR if problem.bang_bang else COURSED if problem.courses or problem.rate else LIMITED
-        late = problem.rate is not None and factor > 1  # finer grids gain little: the solver's own digits end
+        late = factor > 1 and (problem.rate is not None or (bool(problem.courses) and proof.upper is None))  # finer grids gain little
         if (
             gridded
             or late

@@ -46,8 +46,10 @@ def rate_of(maneuver: Maneuver) -> tuple[float, float] | None:
         raise ManeuverError(f"limits of the slope contain 0, with room on either side, not [{float(rate[0])!r}, {float(rate[1])!r}]")
     if maneuver.limits.pulsed:
         raise ManeuverError("limits of the slope do not go with pulses: an input that is on or off jumps")
-    if maneuver.tail or maneuver.box is not None:
-        raise ManeuverError("limits of the slope belong to a state rest of one plant: no tail, no box with them")
+    if maneuver.box is not None and maneuver.sample_time is None:
+        raise ManeuverError(
+            "limits of the slope do not go with a box yet, unless there is a sample time: valid are further zeros, 0, 1, 2 …"
+        )
     return float(rate[0]), float(rate[1])
 
 
@@ -101,9 +103,15 @@ def priced(instants: Reals, values: Reals, rate: tuple[float, float], fuel: floa
 
 
 def bound(
-    p: Reals, points: Reals, limits: tuple[float, float], rate: tuple[float, float], fuel: float, ramps: Sequence[Ramp]
+    p: Reals,
+    points: Reals,
+    limits: tuple[float, float],
+    rate: tuple[float, float],
+    fuel: float,
+    ramps: Sequence[Ramp],
+    given: float | None = None,
 ) -> tuple[Reals, float]:
-    """The integrand's integral from 0 to each of the fine `points` where p is known, and q(0): trapezoidal rule."""
+    """The integrand's integral from 0 to each of the fine `points` where p is known, and q(0), if not `given`: trapezoidal rule."""
 
     def supported(x: Reals, low: float, high: float) -> Reals:
         return np.maximum(high * x, low * x)
@@ -122,9 +130,9 @@ def bound(
         q = np.concatenate([[0.0], np.cumsum(rest)])
         shift = 0.0
         if ramp.edges[0] == 0.0:
-            q = q - q[-1]
+            q = q - q[-1] if given is None else q + given
             first = float(q[0])
-        elif ramp.edges[-1] < points[-1]:
+        if ramp.edges[-1] < points[-1]:
             shift = float(q[-1] / cells[inside].sum())
             q = q - shift * np.concatenate([[0.0], np.cumsum(cells[inside])])
         level = level + shift

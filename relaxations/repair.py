@@ -113,6 +113,10 @@ def repair(solution: GridSolution, snap: float = SNAP) -> Repaired | None:
     course, (above, below) = problem.tail.rows(looks), problem.tail.room(looks)
     slack = np.minimum(above - course @ tail, below + course @ tail) if len(tail) else np.zeros(1)
     play = np.maximum(slack.min(), 0.0) / np.abs(course).max(axis=0) / max(len(tail), 1) if len(tail) else np.zeros(0)
+    for one in problem.tail.aspects:
+        further = course @ one.turned
+        room_left = np.minimum(one.above - further @ tail, one.below + further @ tail).min()
+        play = np.minimum(play, max(room_left, 0.0) / np.abs(further).max(axis=0) / max(len(tail), 1))
     for cap, modulus in zip(problem.tail.caps, problem.tail.sizes(tail), strict=True):
         play[list(cap.at)] = np.minimum(play[list(cap.at)], max(cap.bound - modulus, 0.0) / 2)
     columns, weights = np.hstack([table, -problem.tail.columns]), np.concatenate([room, play])
@@ -161,7 +165,9 @@ def _ramped(solution: GridSolution, levels: Reals) -> Repaired | None:
     """The same of node values: a node has as much room as its own limits and the slopes on either side leave it."""
     problem = solution.problem
     assert problem.rate is not None
-    instants, values = solution.program.instants, np.append(levels[:-1], problem.hold)
+    tail = solution.tail_coefficients[: problem.tail.size].copy()  # it stays as it is: nodes have room enough
+    end = problem.hold + float((problem.tail.rows(np.zeros(1)) @ tail)[0])
+    instants, values = solution.program.instants, np.append(levels[:-1], end)
     nodes = np.concatenate([[0.0], values])
     keep = np.ones(len(nodes), dtype=bool)
     keep[1:-1] = (nodes[1:-1] != nodes[:-2]) | (nodes[1:-1] != nodes[2:])  # in the middle of what is level
@@ -182,7 +188,7 @@ def _ramped(solution: GridSolution, levels: Reals) -> Repaired | None:
             free = np.sort(pivots(np.linalg.qr((table * weights).T)[0].T)[:size])
         if turn == 3:
             break
-        residual = problem.aimed(solution.maneuver_time) - table @ values
+        residual = problem.aimed(solution.maneuver_time) + problem.tail.columns @ tail - table @ values
         rows = np.abs(table * np.where(values == 0.0, 1.0, np.abs(values))).sum(axis=1)
         values = values.copy()
         values[free] += np.linalg.lstsq(table[:, free] / rows[:, None], residual / rows, rcond=None)[0]
@@ -191,4 +197,4 @@ def _ramped(solution: GridSolution, levels: Reals) -> Repaired | None:
         return None
     starts = np.concatenate([[0.0], values[:-1]])
     absolute = tuple(problem.maneuver.rest + Fraction(float(level)) for level in starts)
-    return Repaired(solution.maneuver_time, instants[:-1], absolute, np.zeros(0), tuple(int(i) + 1 for i in free), (), float(left) / 4)
+    return Repaired(solution.maneuver_time, instants[:-1], absolute, tail, tuple(int(i) + 1 for i in free), (), float(left) / 4)

@@ -153,7 +153,7 @@ def staircase_of(problem: Problem, fixed: Repaired) -> Command:
     """The command of a repaired solution, in doubles."""
     if problem.sloped:
         levels = np.array([float(level - problem.maneuver.rest) for level in fixed.levels])
-        return ramped(problem, np.append(fixed.starts, fixed.maneuver_time), levels)
+        return ramped(problem, np.append(fixed.starts, fixed.maneuver_time), levels, fixed.tail)
     segments = tuple(Segment(float(s), float(v)) for s, v in zip(fixed.starts, fixed.levels, strict=True))
     duration = rounded(problem.on_grid(fixed.maneuver_time), np.inf)
     return Command(duration, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(fixed.tail)))

@@ -6,7 +6,7 @@ l below their multiplicity. Its real coefficients (one for a real zero, two for 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from math import comb, factorial
@@ -24,6 +24,7 @@ Reals = NDArray[np.float64]
 LASTING = 12.0  # time constants of the slowest zero that a tail is looked at for: e^-12 of it is left
 LOOKS = 400  # instants a tail is looked at, before the cutting planes
 TURNS = 64  # tangents of the disc that a cap on a complex coefficient is, before the cutting planes
+ASPECT = 1e-12  # of the room: what a slope or an output may be beyond it by rounding
 FAN = np.concatenate([-(0.5 ** np.arange(20)), [0.0], 0.5 ** np.arange(20)])  # of further ones, in units of the angle between those
 
 
@@ -47,6 +48,19 @@ class Cap:
     at: tuple[int, ...]
     bound: float
     sensitivity: tuple[Fraction, Fraction]
+
+
+@dataclass(frozen=True, slots=True)
+class Aspect:
+    """Something else that a tail does, and that is limited: to the input's slope (no name), or to the output `name`.
+
+    It is a sum of the same functions as the tail, its coefficients `turned` c (n, n), within [-below, above] (its own units).
+    """
+
+    name: str | None
+    turned: Reals
+    above: float
+    below: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +123,7 @@ class TailSpace:
     below: float
     length: TailLength | None = None
     caps: tuple[Cap, ...] = ()
+    aspects: tuple[Aspect, ...] = ()
 
     @property
     def size(self) -> int:
@@ -223,10 +238,15 @@ class TailSpace:
         """
         peaks = self.peaks(coefficients)
         course, (above, below) = self.rows(peaks) @ coefficients, self.room(peaks)
+        beyond = [peaks[(course > above) | (course < -below)]]
+        for aspect in self.aspects:
+            tops = self.peaks(aspect.turned @ coefficients)
+            course, slack = self.rows(tops) @ aspect.turned @ coefficients, ASPECT * (aspect.above + aspect.below)
+            beyond.append(tops[(course > aspect.above + slack) | (course < -aspect.below - slack)])
         over = [cap.at for cap, size in zip(self.caps, self.sizes(coefficients), strict=True) if size > cap.bound and len(cap.at) == 2]
         towards = coefficients if pull is None else pull
         fans = [np.arctan2(towards[im], towards[re]) + np.pi / TURNS * FAN for re, im in over]
-        return Looks(peaks[(course > above) | (course < -below)], np.mod(np.concatenate([np.zeros(0), *fans]), np.pi))
+        return Looks(np.concatenate(beyond), np.mod(np.concatenate([np.zeros(0), *fans]), np.pi))
 
     def terms(self, coefficients: Reals) -> tuple[TailTerm, ...]:
         """The command's tail terms (whose powers have no factorial)."""
@@ -240,6 +260,46 @@ class TailSpace:
                 if value:
                     terms.append(TailTerm(zero.value, power, value / factorial(power)))
         return tuple(terms)
+
+
+def chains(zeros: Sequence[Pole], coefficients: Reals) -> list[list[complex]]:
+    """The complex coefficients at every zero."""
+    found, at = [], 0
+    for zero in zeros:
+        width = 2 if zero.is_flexible else 1
+        parts = coefficients[at : at + width * zero.multiplicity].reshape(zero.multiplicity, width)
+        at += width * zero.multiplicity
+        found.append([complex(part[0], part[1] if width == 2 else 0.0) for part in parts])
+    return found
+
+
+def turning(zeros: Sequence[Pole], answer: Callable[[Pole, list[complex]], list[complex]]) -> Reals:
+    """The real matrix that takes a tail's coefficients to what an `answer` makes of the chain at every zero."""
+    size = sum(zero.multiplicity * (2 if zero.is_flexible else 1) for zero in zeros)
+    columns = []
+    for unit in np.eye(size):
+        turned = [(zero, answer(zero, chain)) for zero, chain in zip(zeros, chains(zeros, unit), strict=True)]
+        columns.append([part for zero, chain in turned for c in chain for part in (c.real, c.imag)[: 2 if zero.is_flexible else 1]])
+    return np.array(columns).T.reshape(size, size)
+
+
+def sloping(zero: Pole, chain: list[complex]) -> list[complex]:
+    """The slope of `Σ c_l r^l/l! e^{zr}`."""
+    return [zero.value * c + after for c, after in zip(chain, [*chain[1:], 0j], strict=True)]
+
+
+def passed(plant: LinearPlant, name: str, zero: Pole, chain: list[complex]) -> list[complex]:
+    """What an output makes of the same: `Σ_{k≥l} G^(k-l)(z)/(k-l)! c_k` is its coefficient l."""
+    with precision(ROOT_BITS):
+        at = acb(zero.value.real, zero.value.imag)
+        above, below = (
+            [*acb_poly(p)(acb_poly([at, 1])).coeffs(), *[acb(0)] * len(chain)] for p in (plant.numerators[name], plant.denominator)
+        )
+        series: list[acb] = []
+        for k in range(len(chain)):
+            series.append((above[k] - sum((series[i] * below[k - i] for i in range(k)), acb(0))) / below[0])
+        taylor = [complex(float(g.real.mid()), float(g.imag.mid())) for g in series]
+    return [sum((g * c for g, c in zip(taylor, chain[at:], strict=False)), 0j) for at in range(len(chain))]
 
 
 def moduli(coefficients: Reals, places: Sequence[tuple[int, ...]]) -> Reals:

@@ -136,8 +136,6 @@ def _thrusters(limits: schema.Limits, command: schema.Command | None) -> Iterato
 
 def _started(command: schema.Command) -> Iterator[Mistake]:
     why = "contradicts maneuver.initial_state"
-    if command.tail:
-        yield Mistake("command.tail", True, f"{why}, which belongs to a state rest")
     if command.robustness:
         yield Mistake("command.robustness", command.robustness, f"{why}: further zeros and boxes are about moves that begin at rest")
     if command.start:

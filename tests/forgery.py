@@ -46,11 +46,14 @@ def _limited(
     sample_time: Fraction | None = None,
     pulse_width: Fraction | None = None,
     speed: str | None = None,
+    rate: tuple[str, str] | None = None,
+    fuel: str | None = None,
+    numerator: tuple[int, ...] = (1,),
 ) -> Problem:
-    plant = transfer([1], denominator)()
+    plant = transfer([*numerator], denominator)()
     begin = from_output(plant, [Fraction(x) for x in start]) if start else None
-    limits = replace(Limits.of(-1, 1, deflection={"output_rate": speed} if speed else {}), pulse_width=pulse_width)
-    return problem([plant], Maneuver(Fraction(displacement), limits, initial=begin, sample_time=sample_time))
+    limits = replace(Limits.of(-1, 1, fuel, {"output_rate": speed} if speed else {}, rate), pulse_width=pulse_width)
+    return problem([plant], Maneuver(Fraction(displacement), limits, initial=begin, sample_time=sample_time, tail=len(numerator) > 1))
 
 
 LIMITED: dict[str, Callable[[], Problem]] = {
@@ -60,6 +63,12 @@ LIMITED: dict[str, Callable[[], Problem]] = {
     "braked": lambda: _limited([1, "0.3", 4], "1/10", start=(2, -1)),
     "pulsed": lambda: _limited([1, 0, 0], "1", pulse_width=Fraction(11, 10)),
     "speed": lambda: _limited([1, 0, 0], "1", speed="0.5"),
+    "steps": lambda: _limited([1, 0, 0], "1", sample_time=Fraction(7, 100), speed="0.5", rate=("-4", "4")),
+    "steps_from_a_start": lambda: _limited([1, "0.2", 1], "0.3", start=(0, 1), sample_time=Fraction(1, 5), speed="1.2", rate=("-3", "3")),
+    "stop": lambda: _limited([1, 0], "0", start=(1,), rate=("-4", "4")),
+    "stop_limited": lambda: _limited([1, 0, 0], "2", start=(0, 1), speed="1.1"),
+    "fuel_and_speed": lambda: _limited([1, 0, 0], "1", sample_time=Fraction(1, 10), speed="0.6", fuel="1"),
+    "tail_of_limited_slope": lambda: _limited([1, 0, 0], "1", rate=("-4", "4"), numerator=(1, 1)),
 }
 """Tasks with limits beyond the input's."""
 
@@ -172,6 +181,7 @@ def costate(
     deflection: Any = (),
     ramps: Any = (),
     steps: Any = (),
+    after: Any = (),
 ) -> dict[str, Any]:
     """A lower side's witness."""
     written_chains = [{"near": list(near), "coefficients": [list(c) for c in coefficients]} for near, coefficients in chains]
@@ -179,6 +189,7 @@ def costate(
         "costate": [written_chains],
         "tail": list(tail),
         "samples": [],
+        "after": list(after),
         "fuel": fuel,
         "deflection": list(deflection),
         "ramps": list(ramps),

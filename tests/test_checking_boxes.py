@@ -134,3 +134,41 @@ def test_names_of_parameters(name: Any, fine: bool) -> None:
     of = boxed(["1", "0", "1"], constant(["1", "0", "1"]), ("1", "1", "1"), "1.01")
     of["box"]["parameters"][0]["name"] = name
     assert found(of, "1", held("1", "1")).outcome is (Outcome.PROVED if fine else Outcome.MALFORMED)
+
+
+def moving(denominator: list[str], *parameters: tuple[str, str | None, str, str], numerator: tuple[str, ...] = ("1",)) -> dict[str, Any]:
+    """A robust task whose parameters move roots: name, nominal value, ends."""
+    of = task(list(numerator), denominator, limits=("-5", "5"))
+    written = [dict(zip(("name", "nominal", "low", "high"), p, strict=True)) for p in parameters]
+    box = {"parameters": written, "numerator": [], "denominator": [], "plants": [], "tolerance": "1.01", "final_tolerance": None}
+    return {**of, "box": box}
+
+
+def test_roots_that_move_onto_each_other() -> None:
+    """Two modes that meet inside the box have no motions there: nothing is proven, and nothing raised."""
+    apart = ["1", "0", "5", "0", "4"]  # 1 and 2 rad/s
+    wide = moving(apart, ("mode[1].frequency", "1", "0.9", "2.5"))
+    assert found(wide, "1", held("4", "1")).outcome is Outcome.INCONCLUSIVE
+    still = moving(apart, ("mode[1].frequency", "1", "1", "1"))
+    still["box"]["tolerance"] = "2.01"  # begun at once: at most the sizes of both motions, 4/3 and 1/3
+    assert found(still, "1", held("4", "1")).outcome is Outcome.PROVED
+
+
+def test_hostile_moves() -> None:
+    """Ends that are next to nothing or long, roots on top of each other, and more modes than one would move: an answer, in seconds."""
+    tiny = "1/" + "1" + "0" * 300
+    for box in (
+        moving(["1", "0", "1"], ("mode[1].frequency", "1", tiny, "1")),
+        moving(["1", "0.2", "1"], ("mode[1].damping", None, "0", "0.999999999999999999999999999999999999999999999999999")),
+        moving(["1", "0.2", "1"], ("mode[1].damping", None, tiny, LONG.replace("1.", "0."))),
+        moving(["1", "3", "2"], ("zero[1]", "1", tiny, "1" + "0" * 300), numerator=("1", "2")),
+        moving(["1", "0", "2", "0", "1"], ("mode[1].frequency", "1", "0.9", "1.1")),  # a repeated mode
+        moving(["1", "0", "1"], ("mode[1].frequency", "1", "1", "1"), ("mode[1].damping", None, "0", "0")),
+        moving(["1", *["0"] * 39, "1"], *((f"mode[{i}].damping", None, "0.1", "0.2") for i in range(1, 9))),
+    ):
+        box["box"]["tolerance"] = "0.9"  # what holds at once leaves 1, and twice of it more
+        for upper in (held("1", "1"), held("2", "20")):
+            checked = found(box, "20", upper)
+            assert checked.seconds < 100.0
+            assert checked.outcome is not Outcome.PROVED
+        assert check(certificate(box, lower="1", witnesses=lower_witness(["1"]))).outcome is not Outcome.PROVED

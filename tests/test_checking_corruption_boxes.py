@@ -23,7 +23,7 @@ from relaxations import moved
 from relaxations.bounds import Settings
 from relaxations.boxes import Axis, Box, Family, Polynomial
 from relaxations.checking.claims import Outcome, check
-from relaxations.errors import ManeuverError, PlantError
+from relaxations.errors import ManeuverError, PlantError, SolverError
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
@@ -205,8 +205,14 @@ def judge(seeds: range) -> Counter[str]:
         counts[found.outcome.value] += 1
         if found.outcome is Outcome.PROVED:
             data = json.loads(content)
-            assert is_true(data), f"seed {seed} ({how}): a printed claim is false: {data['claim']} of {data['task']}"
+            try:
+                true = is_true(data)
+            except SolverError:  # so fast a mode, say, that the search cannot see the task
+                counts["unseen"] += 1
+                continue
+            assert true, f"seed {seed} ({how}): a printed claim is false: {data['claim']} of {data['task']}"
             counts["elsewhere"] += json.dumps(data["task"], sort_keys=True) not in tasks
+    assert counts["unseen"] <= 0.02 * len(seeds)
     return counts
 
 

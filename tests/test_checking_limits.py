@@ -93,7 +93,7 @@ def test_another_start_is_another_task(value: object, outcome: Outcome) -> None:
 
 @pytest.mark.parametrize(
     ("where", "value"),
-    [(("rest",), "output"), (("plants", 0, "zeros"), {"mode[1]": 1}), (("initial_input",), "0.5"), (("displacement",), "0.3")],
+    [(("plants", 0, "zeros"), {"mode[1]": 1}), (("initial_input",), "0.5"), (("displacement",), "0.3")],
 )
 def test_what_does_not_go_with_a_start_proves_nothing(where: Path, value: object) -> None:
     assert check(altered("started", ("task", *where), value)).outcome is not Outcome.PROVED

@@ -124,7 +124,6 @@ def test_where_a_limit_makes_no_sense() -> None:
     refused("may be more than 0", deflection={"spring": 0})
     refused("'position_1' deviates by 1", deflection={"position_1": "0.999"})
     refused("has feed-through", transfer([1, 1], [1, 2]), deflection={"output": 1})
-    refused("no tail", transfer([1, 1], [1, 2, 0]), deflection={"output": 1}, tail=True)
     problem([two_mass()], Maneuver(Fraction(1), Limits.of(-1, 1, None, {"position_1": 1})))  # where it rests, exactly
 
 
@@ -183,7 +182,6 @@ def test_what_the_checker_calls_malformed() -> None:
         {"outputs": {"rate": ["1", "0", "0"]}},
         {"outputs": {"rate": ["0", "1"]}},
         {"outputs": {"rate": ["1"]}},  # this output rests at 1, beyond its limit
-        {"rest": "output"},
     ):
         assert lower_side("2.4", [PRESS], **others) is Outcome.MALFORMED, others
     for change in ({"output": "speed"}, {"begin": "-1"}, {"begin": "3"}):

@@ -8,11 +8,14 @@ from math import sqrt
 from typing import Any
 
 import pytest
+from box_tasks import TWIN, axis
 from forgery import certificate, changed, command, costate, number, opened, task, written
 from problems import transfer, two_mass
 from random_limits import limiting
 
+from fmus.twins import twin_family
 from relaxations.bounds import Bound, Status
+from relaxations.boxes import Box
 from relaxations.checking.claims import Outcome, check, claim
 from relaxations.errors import ManeuverError
 from relaxations.initial import from_output
@@ -225,3 +228,74 @@ def test_a_changed_limit_changes_the_claim_of_several() -> None:
     assert check(looser).outcome is not Outcome.PROVED
     tighter = changed(content, lambda data: data["task"]["limits"]["deflection"].update(output_rate="0.45"))
     assert check(tighter).outcome is not Outcome.PROVED
+
+
+# Tails. The input of (s + 1)/s² goes on along e^{-r} after the move; another output, 1/s², then moves on by c e^{-r}.
+
+ZERO = LinearPlant.from_transfer([1, 1], [1, 0, 0])
+WITH_POSITION = LinearPlant(ZERO.denominator, {**ZERO.numerators, "position": ZERO.denominator * 0 + 1}, ZERO.output, ZERO.notes)
+PITCH = transfer(["1.151", "0.1774"], [1, "0.739", "2.072", "0.1774"])()
+
+
+def tailed(plant: LinearPlant, displacement: str, start: Numbers = (), high: str = "1", **limits: Any) -> Bound:
+    begin = from_output(plant, [Fraction(x) for x in start]) if start else None
+    low, high_ = -Fraction(high), Fraction(high)
+    return minimum_time(problem([plant], Maneuver(Fraction(displacement), Limits.of(low, high_, **limits), tail=True, initial=begin)))
+
+
+def test_a_tail_of_limited_slope() -> None:
+    free = tailed(ZERO, "1")
+    assert free.upper is not None
+    times = [sides(tailed(ZERO, "1", rate=(f"-{r}", r)), 1e-3) for r in ("400", "16", "4")]
+    assert all(later[0] > earlier[1] for earlier, later in pairwise(times))
+    assert free.lower < times[0][0] < free.upper * 1.01
+    found = tailed(ZERO, "1", rate=RATE)
+    assert found.command is not None
+    assert found.command.tail.terms
+    last, end = found.command.segments[-1], found.command.maneuver_time
+    (term,) = found.command.tail.terms
+    assert last.level + last.slope * (end - last.start) == pytest.approx(term.coefficient.real, abs=1e-9)  # it does not jump
+    assert abs(term.coefficient.real) <= 1.0
+    assert found.certificate is not None
+    dropped = changed(found.certificate, lambda data: data["lower"].update(ramps=[], steps=[]))
+    assert check(dropped).outcome is not Outcome.PROVED
+
+
+def test_a_tail_must_not_move_another_output_too_far() -> None:
+    # It comes to rest at 1, by way of 1 + c: c = 1/2 in the fastest of all commands.
+    assert WITH_POSITION.partial("position") is not None
+    free, loose = tailed(ZERO, "1"), tailed(WITH_POSITION, "1", deflection={"position": "2"})
+    assert free.upper is not None
+    assert (loose.lower, loose.upper) == pytest.approx((free.lower, free.upper), rel=1e-9)
+    assert free.command is not None
+    moved = 1 + free.command.tail.terms[0].coefficient.real
+    limit = f"{max(moved, 1.0) * 0.5 + 0.5:.4g}" if moved > 1 else "1.001"
+    tight = tailed(WITH_POSITION, "1", deflection={"position": limit})
+    assert tight.status is Status.PROVED, tight.reason
+    assert tight.upper is not None
+    assert tight.upper >= free.lower
+
+
+def test_a_start_and_a_tail() -> None:
+    free = sides(tailed(ZERO, "1", ("0.2", "0.3")), 1e-9)
+    assert free[1] < tailed(ZERO, "1").lower  # on its way already
+    sides(tailed(PITCH, "0.2", ("0.05", "0", "0"), "0.3", rate=("-0.3", "0.3")), 1e-3)
+    hidden = LinearPlant.from_transfer([1, 2], [1, 3, 2])
+    with pytest.raises(ManeuverError, match="modes that the output cannot see"):
+        problem([hidden], Maneuver(Fraction(1, 2), Limits.of(-1, 1), tail=True, initial=(Fraction(1), Fraction(0))))
+
+
+@pytest.mark.slow
+def test_samples_of_limited_steps_for_a_box() -> None:
+    stiffness = axis("stiffness", "0.2")
+    family = twin_family(TWIN, "x2", ["stiffness"], {"damping": "0"})
+
+    def robust(rate: tuple[str, str] | None) -> tuple[float, float]:
+        box = Box((stiffness,), family, Fraction(1, 20))
+        maneuver = Maneuver(Fraction(1), Limits.of(-1, 1, rate=rate), box=box, sample_time=Fraction(1, 10))
+        return sides(minimum_time(problem([family.member([Fraction(1)])], maneuver)), 0.05)
+
+    assert robust(("-3", "3"))[0] > robust(None)[1]  # 5.4 s without
+    slopes = Limits.of(-1, 1, rate=("-3", "3"))
+    with pytest.raises(ManeuverError, match="unless there is a sample time"):
+        problem([family.member([Fraction(1)])], Maneuver(Fraction(1), slopes, box=Box((stiffness,), family, Fraction(1, 20))))

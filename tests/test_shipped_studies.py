@@ -33,6 +33,7 @@ MISSED = {
     "two_mass": ("SLEW-001", "residual_vibration"),
     "two_mass_further_zero": ("ZERO-001", "residual_vibration"),
     "two_mass_fuel": ("FUEL-001", "fuel"),
+    "two_mass_limits": ("LIMITS-001", "peak(velocity_2)"),
     "two_mass_rate": ("RATE-001", "peak_rate"),
     "two_mass_speed_limit": ("SPEED-001", "peak(velocity_2)"),
     "two_mass_spring_limit": ("SPRING-001", "peak(spring)"),

@@ -104,7 +104,6 @@ WRONG = {
     "too many": (MATRICES, "displacement = 0.1\ninitial_state = [1, 0, 0]", "", "maneuver.initial_state", "A has 2 rows"),
     "names": (MATRICES, "displacement = 0.1\ninitial_state = { x = 1 }", "", "maneuver.initial_state", "have no names"),
     "unknown": (PLANT, "displacement = 1\ninitial_state = { x = 1 }", "", "maneuver.initial_state", "the states are position_1"),
-    "tail": (NUMBERS, "displacement = 0.1\ninitial_state = [1, 0]", "[command]\ntail = true", "command.tail", "belongs to a state rest"),
     "robust": (NUMBERS, "displacement = 0.1\ninitial_state = [1, 0]", "[command]\nrobustness = 1", "command.robustness", "begin at rest"),
     "late": (NUMBERS, "displacement = 0.1\ninitial_state = [1, 0]", "[command]\nstart = 1", "command.start", "would move on"),
     "settling": (

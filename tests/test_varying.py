@@ -5,44 +5,23 @@ from __future__ import annotations
 import json
 from fractions import Fraction
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
-from flint import arb, arb_mat
-from forgery import changed, forged, number, opened, written
 from scipy.optimize import root_scalar
 from scipy.special import airy
-from varying_plants import GROWING, crane, landed, posed, random_plant, reaches, rest
+from varying_plants import GROWING, HOISTING, STIFF_A, STIFF_B, STIFF_C, landed, posed, proven, random_plant, reaches, rest
 
-from relaxations.bounds import Bound, Status
-from relaxations.checking import varying as checker
-from relaxations.checking.balls import work
-from relaxations.checking.claims import Outcome, check, claim
-from relaxations.checking.reading import read
-from relaxations.commands import Command
 from relaxations.errors import ManeuverError, PlantError
-from relaxations.maneuvers import Limits, Maneuver, Problem, problem
-from relaxations.plants import LinearPlant, exact, precision
-from relaxations.proofs import REGULAR, minimum_time
+from relaxations.maneuvers import Limits, Maneuver, problem
+from relaxations.plants import LinearPlant, exact
+from relaxations.proofs import minimum_time
 from relaxations.transitions import Transition, VaryingPlant
 from relaxations.varying import varying_problem
 from relaxations.varying_response import varying_response
 
 SPRING_A, SPRING_B, SPRING_C = [[0, 0, 1, 0], [0, 0, 0, 1], [-1, 1, 0, 0], [1, -1, 0, 0]], [0, 0, 1, 0], [0, 1, 0, 0]
 DAMPED_A, DAMPED_B, DAMPED_C = [[0, 1, 0], [0, "-0.5", 1], [0, "-3", "-0.2"]], [0, 1, 2], [1, 0, 0]
-STIFF_A, STIFF_B, STIFF_C = [[0, 1], [-1, 0]], [0, 1], [1, 0]  # held at its target by an input
-
-
-def proven(asked: Problem, gap: float = REGULAR) -> tuple[Bound, Command, bytes]:
-    found = minimum_time(asked)
-    assert found.status is Status.PROVED, found.reason
-    assert found.command is not None
-    assert found.upper is not None
-    assert found.certificate is not None
-    assert check(found.certificate).outcome is Outcome.PROVED
-    assert found.upper - found.lower <= gap * found.lower
-    return found, found.command, found.certificate
 
 
 @pytest.mark.parametrize(
@@ -114,9 +93,6 @@ def test_the_transition_of_a_stiffening_spring_is_airys() -> None:
     np.testing.assert_allclose(sums, np.trapezoid(transition.rows(fine), fine, axis=1), atol=1e-8)
 
 
-HOISTING = crane({"0": "8", "1": "7.5", "2": "6.75", "3": "6.25", "4": "6"})
-
-
 @pytest.mark.parametrize("plant", [HOISTING, *(random_plant(seed) for seed in range(3))])
 def test_the_command_lands_and_another_program_finds_none_that_is_shorter(plant: VaryingPlant) -> None:
     found, command, _ = proven(posed(plant, 2))
@@ -159,141 +135,6 @@ def test_the_response_ends_at_rest_and_is_the_constant_plants_where_nothing_vari
     spring = VaryingPlant.of([0, 2], [SPRING_A] * 2, [SPRING_B] * 2, [SPRING_C] * 2)
     plant = LinearPlant.from_state_space(SPRING_A, SPRING_B, SPRING_C)
     np.testing.assert_allclose(varying_response(spring, command, times), response(plant, command, times), rtol=0.0, atol=1e-7)
-
-
-@pytest.mark.parametrize("plant", [HOISTING, GROWING, random_plant(7)])
-def test_the_checkers_steps_enclose_the_transition(plant: VaryingPlant) -> None:
-    schedule = read(proven(posed(plant, 1))[2]).task.schedule
-    work["left"] = 1e9
-    rng = np.random.default_rng(3)
-    with precision(128):
-        steps = list(checker.steps(schedule, arb_mat(plant.order, plant.order, 1), arb(7)))
-        places = [(step, arb(Fraction(str(round(rng.uniform(0, 1), 6))).numerator) / 10**6) for step in steps]
-        seen = [(step, share, step.impulse(arb(step.length) * share), step.step(arb(step.length) * share)) for step, share in places]
-    exactly = Transition(plant, 400)
-    with precision(400):
-        for step, share, impulse, total in seen:
-            begin, at = arb(step.begin), arb(step.begin) + arb(step.length) * share
-            truth, sums = exactly.long([at], 0), exactly.long([at], 2) - exactly.long([begin], 2)
-            assert all(ball.overlaps(value) for ball, value in zip(impulse.entries(), truth.entries(), strict=True))
-            assert all(ball.overlaps(value) for ball, value in zip(total.entries(), sums.entries(), strict=True))
-            assert max(float(ball.rad()) for ball in impulse.entries()) < 1e-25
-
-
-def test_what_the_claim_says() -> None:
-    text = claim(check(proven(posed(GROWING))[2]))
-    assert "every matrix linear in t between these instants, constant after the last" in text
-    assert "t = 2 s: A = [[0, 1], [0, 0]], B = [0, 3], C = [1, 0], D = 0" in text
-
-
-# Lies.
-
-
-def outcome(content: bytes, change) -> Outcome:
-    return check(changed(content, change)).outcome
-
-
-@pytest.mark.parametrize("plant", [GROWING, HOISTING])
-def test_lies_about_a_varying_plant(plant: VaryingPlant) -> None:
-    content = proven(posed(plant))[2]
-    data = opened(content)
-    lower, upper = (number(data["claim"][side]) for side in ("lower", "upper"))
-    for side, value in (("lower", lower), ("upper", upper)):
-        for factor, wanted in ((Fraction(1000001, 10**6), "lower"), (Fraction(999999, 10**6), "upper")):
-            got = outcome(content, lambda d, side=side, value=value, factor=factor: d["claim"].update({side: written(value * factor)}))
-            assert got is (Outcome.REFUTED if side == wanted else Outcome.PROVED)
-
-    def gain(d: Any, factor: Fraction) -> None:
-        last = d["task"]["schedule"]["B"]
-        last[-1] = [written(number(x) * factor) for x in last[-1]]
-
-    assert outcome(content, lambda d: gain(d, Fraction(101, 100))) is Outcome.REFUTED  # a stronger actuator: faster, and elsewhere
-    assert outcome(content, lambda d: (gain(d, Fraction(101, 100)), d["claim"].update(upper=None))) is Outcome.REFUTED
-    assert outcome(content, lambda d: (gain(d, Fraction(99, 100)), d["claim"].update(upper=None))) in {Outcome.PROVED, Outcome.REFUTED}
-    assert outcome(content, lambda d: (gain(d, Fraction(99, 100)), d["claim"].update(lower=None))) is Outcome.REFUTED
-    assert outcome(content, lambda d: d["task"]["limits"].update(input=["-1.1", "1.1"])) is Outcome.REFUTED
-    assert outcome(content, lambda d: d["upper"]["segments"][1].update(level="0.9")) is Outcome.REFUTED
-    assert outcome(content, lambda d: d["upper"]["free"].pop()) is Outcome.MALFORMED
-    assert outcome(content, lambda d: d["lower"]["costate"][0][0]["coefficients"].pop()) is Outcome.MALFORMED
-    assert outcome(content, lambda d: d["lower"]["costate"][0][0]["coefficients"].append(["0", "0"])) is Outcome.MALFORMED
-
-    def flip(d: Any) -> None:
-        chain = d["lower"]["costate"][0][0]
-        chain["coefficients"] = [[written(-number(a)), b] for a, b in chain["coefficients"]]
-
-    assert outcome(content, flip) is Outcome.REFUTED
-    assert outcome(content, lambda d: d["claim"].update(impossible="face", lower=None, upper=None)) is Outcome.INCONCLUSIVE
-
-
-MALFORMED = {
-    "ascend from 0": lambda d: d["task"]["schedule"].update(instants=["0", "0"]),
-    "the instants of a schedule ascend": lambda d: d["task"]["schedule"].update(instants=["1", "2"]),
-    "for every instant": lambda d: d["task"]["schedule"]["A"].pop(),
-    "B and C have n numbers": lambda d: d["task"]["schedule"]["C"][0].append("0"),
-    "A is n×n": lambda d: d["task"]["schedule"]["A"][0].pop(),
-    "one plant, or one that varies": lambda d: d["task"].update(schedule=None),
-    "comes to a rest of its state": lambda d: d["task"]["limits"].update(sample_time="1"),
-    "no rest at the target, or more": lambda d: d["task"]["schedule"].update(C=[["0", "0"]] * 2),
-    "is none at an instant": lambda d: d["task"]["schedule"].update(A=[[["0", "1"], ["1", "0"]], [["0", "1"], ["0", "0"]]]),
-    "exclude the input": lambda d: d["task"]["limits"].update(input=["0.5", "1"]),
-}
-
-
-@pytest.mark.parametrize("said", MALFORMED)
-def test_malformed_schedules_say_what_is_wrong(said: str) -> None:
-    found = check(changed(proven(posed(GROWING))[2], MALFORMED[said]))
-    assert found.outcome is Outcome.MALFORMED
-    assert said in found.reason
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(300))
-def test_random_corruption_of_a_schedule_never_proves_a_falsehood(seed: int) -> None:
-    """One number anywhere is changed; what still proves is checked against another program."""
-    rng = np.random.default_rng([7, seed])
-    content = proven(posed(HOISTING, 2))[2]
-    data = opened(content)
-    places: list[tuple[object, object]] = []
-
-    def walk(node: object) -> None:
-        for key in list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ():
-            value = node[key]  # type: ignore[index]
-            if isinstance(value, str):
-                try:
-                    number(value)
-                except (ValueError, ZeroDivisionError):
-                    continue
-                places.append((node, key))
-            else:
-                walk(value)
-
-    walk({key: data[key] for key in ("task", "claim", "lower", "upper")})
-    node, key = places[rng.integers(len(places))]
-    value = number(node[key])  # type: ignore[index]
-    node[key] = written(value * Fraction(str(round(rng.uniform(0.9, 1.1), 4))) + Fraction(int(rng.integers(-1, 2)), 1000))  # type: ignore[index]
-    found = check(forged(data))
-    if found.outcome is not Outcome.PROVED:
-        return
-    task = found.certificate.written["task"]  # type: ignore[union-attr]
-    schedule = task["schedule"]
-    plant = VaryingPlant.of(schedule["instants"], schedule["A"], schedule["B"], schedule["C"], schedule["D"])
-    target = np.array([float(x) for x in plant.rest(number(task["displacement"]))[0]])
-    low, high = (float(number(x)) for x in task["limits"]["input"])
-    claimed = data["claim"]
-    assert not reaches(plant, target, float(number(claimed["lower"])) * 0.99, (low, high))
-    assert reaches(plant, target, float(number(claimed["upper"])) * 1.02, (low, high))
-
-
-@pytest.mark.slow
-def test_hostile_schedules_end() -> None:
-    content = proven(posed(GROWING))[2]
-    stiff = changed(content, lambda d: d["task"]["schedule"].update(A=[[["0", "1"], ["0", "-1" + "0" * 12]]] * 2))
-    assert check(stiff).outcome in {Outcome.INCONCLUSIVE, Outcome.REFUTED}
-    late = changed(content, lambda d: d["claim"].update(upper=None, lower="1" + "0" * 30))
-    assert check(late).outcome is not Outcome.PROVED
-    digits = "1." + "3" * 1900
-    heavy = changed(content, lambda d: d["task"]["schedule"].update(B=[["0", digits], ["0", "3"]]))
-    assert check(heavy).outcome is not Outcome.PROVED
 
 
 # What is refused.

@@ -11,8 +11,12 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import linprog
 
+from relaxations.bounds import Bound, Status
+from relaxations.checking.claims import Outcome, check
+from relaxations.commands import Command
 from relaxations.maneuvers import Limits, Maneuver, Problem
 from relaxations.plants import Exact, exact
+from relaxations.proofs import REGULAR, minimum_time
 from relaxations.transitions import VaryingPlant
 from relaxations.varying import varying_problem
 
@@ -94,3 +98,19 @@ def reaches(plant: VaryingPlant, state: Reals, duration: float, limits: tuple[fl
 
 def rest(plant: VaryingPlant, displacement: Exact = 1) -> Reals:
     return np.array([float(x) for x in plant.rest(Fraction(displacement))[0]])
+
+
+HOISTING = crane({"0": "8", "1": "7.5", "2": "6.75", "3": "6.25", "4": "6"})
+
+STIFF_A, STIFF_B, STIFF_C = [[0, 1], [-1, 0]], [0, 1], [1, 0]  # held at its target by an input
+
+
+def proven(asked: Problem, gap: float = REGULAR) -> tuple[Bound, Command, bytes]:
+    found = minimum_time(asked)
+    assert found.status is Status.PROVED, found.reason
+    assert found.command is not None
+    assert found.upper is not None
+    assert found.certificate is not None
+    assert check(found.certificate).outcome is Outcome.PROVED
+    assert found.upper - found.lower <= gap * found.lower
+    return found, found.command, found.certificate

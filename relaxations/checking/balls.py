@@ -229,6 +229,36 @@ class System:
         share = length.within * min(above, below) if length and time >= length.time else max(above, below)
         return min(above, share), min(below, share)
 
+    def end(self, tail: Sequence[arb | fmpq]) -> arb | fmpq:
+        """The input when the move ends, where the tail with these coefficients begins."""
+        begins = accumulate((zero.size for zero in self.zeros), initial=0)
+        return sum((tail[at] for _, at in zip(self.zeros, begins, strict=False)), self.rest)
+
+    def after(self, output: str | None) -> tuple[Callable[[Sequence[acb], Root], list[acb]], fmpq, fmpq]:
+        """What a tail does to the slope of the input (None) or an output, and the room for that above and below where they come to rest.
+
+        A chain of coefficients c_l of `r^l/l! e^{zr}` becomes `z c_l + c_{l+1}` in the slope, `Σ_{k≥l} G^(k-l)(z)/(k-l)! c_k` in an output.
+        """
+        if output is None:
+            low, high = self.task.limits.rate
+            return lambda chain, zero: [zero.value * c + after for c, after in zip(chain, [*chain[1:], acb(0)], strict=True)], high, -low
+        (plant,), limit = self.task.plants, self.task.limits.deflection[output]
+        polynomials = [acb_poly(list(written[::-1])) for written in (plant.outputs[output], plant.denominator)]
+        rest = self.task.displacement * plant.outputs[output][-1] / plant.numerator[-1]
+
+        unseen = not fmpq_poly(list(plant.outputs[output][::-1])) % fmpq_poly(list(plant.numerator[::-1]))
+
+        def answer(chain: Sequence[acb], zero: Root) -> list[acb]:
+            if unseen:  # as the controlled output does, and its derivatives
+                return [acb(0)] * len(chain)
+            above, below = ([*p(acb_poly([zero.value, 1])).coeffs(), *[acb(0)] * len(chain)] for p in polynomials)
+            series: list[acb] = []
+            for k in range(len(chain)):
+                series.append((above[k] - sum((series[i] * below[k - i] for i in range(k)), acb(0))) / below[0])
+            return [sum((g * c for g, c in zip(series, chain[at:], strict=False)), acb(0)) for at in range(len(chain))]
+
+        return answer, limit - rest, limit + rest
+
 
 def beginning(roots: Sequence[Root], denominator: fmpq_poly, start: Sequence[fmpq]) -> Iterator[acb]:
     """The moments of ξ and its derivatives, D(d/dt) ξ = u: `Σ q_i ξ^{(i)}` with `D(s)/(s - p)^{k+1} = Σ q_i s^i`."""

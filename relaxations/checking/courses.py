@@ -170,10 +170,10 @@ def begun(system: System, roots: tuple[Root, ...], presses: Sequence[Any], horiz
 def prove(system: System, n: int, command: Sequence[arb | fmpq]) -> None:
     """Prove that every output whose deflection is limited stays within its limit during the move; raises `Refuted` or `Undecided`.
 
-    After the move it stays where it is then, which is within the limit (`sensible`).
+    After the move it stays where it is then, which is within the limit (`sensible`), but for what a tail does to it.
     """
     roots = common(system.roots, 2)
-    instants, levels = [*command[1 : n + 1], command[0]], [fmpq(0), *command[n + 1 : 2 * n + 1], system.rest]
+    instants, levels = [*command[1 : n + 1], command[0]], [fmpq(0), *command[n + 1 : 2 * n + 1], system.end(command[2 * n + 1 :])]
     if system.sloped:  # straight from level to level: the slope jumps
         slopes = [arb(b - a) / arb(t - s) for (s, t), (a, b) in zip(pairwise(instants), pairwise(levels[1:]), strict=True)]
         jumps = [(arb(at), after - before) for at, (before, after) in zip(instants, pairwise([arb(0), *slopes]), strict=False)]
@@ -223,7 +223,7 @@ def sensible(task: Any) -> None:
     require(plant.outputs.keys() == task.limits.deflection.keys(), "the outputs written are those whose deflection is limited")
     for name, limit in task.limits.deflection.items():
         numerator = plant.outputs[name]
-        require(task.rest == "state" and task.box is None, "limits on outputs belong to a state rest, without a box")
+        require(task.box is None, "limits on outputs do not belong to a box")
         fine = limit > 0 and numerator[0] != 0 and len(numerator) < len(plant.denominator)
         require(fine, f"the limit of the output {name} is more than 0, and it is strictly proper")
         require(abs(task.displacement * numerator[-1] / plant.numerator[-1]) <= limit, f"the output {name} rests beyond its limit")

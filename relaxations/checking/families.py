@@ -104,13 +104,15 @@ class Written:
         if not doubtful:
             return True
         for q, (low, high) in enumerate(sides):
+            if low == high:
+                continue
             line = [acb_series([x, int(i == q)]) for i, x in enumerate(cell)]
             try:
                 drifts = [pole[1].real for pole in self.poles(line, doubtful)]
             except ZeroDivisionError:
                 return False
             for end, damps in ((low, all(drift <= 0 for drift in drifts)), (high, all(drift >= 0 for drift in drifts))):
-                if low < high and damps:
+                if damps:
                     return self.settled([(end, end) if i == q else side for i, side in enumerate(sides)])
         return False
 
@@ -213,9 +215,10 @@ class Moved:
         """N(p)/D'(p), in factors."""
         line = [x if isinstance(x, acb_series) else acb_series([x]) for x in line]
         gain, found = acb_series([self.task.plants[0].numerator[0]]), []
-        for roots, sign in ((self.poles_moved, 1), (self.zeros_moved, -1)):  # what keeps the static gain
-            for root, (scale, _) in roots:
-                gain = gain if scale is None else gain * line[scale] ** (sign * root.size)
+        for root, (scale, _) in self.poles_moved:  # what keeps the static gain
+            gain = gain if scale is None else gain * line[scale] ** root.size
+        for root, (scale, _) in self.zeros_moved:
+            gain = gain if scale is None else over(gain, line[scale] ** root.size)
         zeros = [(root, acb_series([root.value]) * (1 if scale is None else line[scale])) for root, (scale, _) in self.zeros_moved]
         for j, pole in enumerate(poles):
             spend(4 * (len(poles) + len(zeros)))

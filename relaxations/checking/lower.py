@@ -53,7 +53,8 @@ def impossible(system: System, criterion: str, witness: Any) -> None:
 def costate(system: System, witness: Any) -> tuple[arb_mat, arb]:
     """λ, and the price of the tail's limits: the λ written, moved (least squares) onto the equalities of a free tail, in balls.
 
-    These are `λᵀ column_j + Σ (μ⁺ - μ⁻) shape_j(τ) = 0`. Where a coefficient is limited, what is left of the sum may be an excess.
+    These are `λᵀ column_j + Σ (μ⁺ - μ⁻) shape_j(τ) = 0`, shapes of the input, its slope, outputs, and q(0) shape_j(0) of an input that is
+    continuous. Where a coefficient is limited, what is left of the sum may be an excess.
     """
     numbers, capped, columns = placed(system.roots, witness.costate[0])[0], system.capped, system.columns.transpose().tolist()
     written, price, pull = arb_mat(len(numbers), 1, numbers), arb(0), arb_mat(len(columns), 1)
@@ -61,12 +62,24 @@ def costate(system: System, witness: Any) -> tuple[arb_mat, arb]:
         above, below = system.room(contact.time)
         price += arb(contact.upper * above + contact.lower * below)
         pull += flat(system.zeros, Root.impulse, arb(contact.time)) * arb(contact.upper - contact.lower)
+    for contact in witness.after:
+        answer, above, below = system.after(contact.output)
+        price += arb(contact.upper * above + contact.lower * below)
+        pull += flat(system.zeros, answered, answer, arb(contact.time)) * arb(contact.upper - contact.lower)
+    if system.sloped and witness.steps:  # where the tail begins, the move has to end
+        pull += flat(system.zeros, Root.impulse, arb(0)) * arb(witness.steps[0])
     free = sorted({*range(len(columns))} - {place for places, _ in capped for place in places})
     rows, pulled = arb_mat(len(free), len(numbers), [x for place in free for x in columns[place]]), [pull[place, 0] for place in free]
     spend(len(free) ** 2 * len(numbers))
     moved = written - rows.transpose() * (rows * rows.transpose()).solve(rows * written + arb_mat(len(free), 1, pulled))
     excess = system.columns.transpose() * moved + pull
     return moved, price + sum((cap * abs(acb(*(excess[place, 0] for place in places))) for places, cap in capped), arb(0))
+
+
+def answered(zero: Root, answer: Any, since: arb) -> list[acb]:
+    """What each coefficient of a tail's chain at a zero does to its slope or to an output, some time after the move."""
+    units = [[acb(i == k) for i in range(zero.multiplicity)] for k in range(zero.multiplicity)]
+    return [sum((c * b for c, b in zip(answer(unit, zero), zero.impulse(since), strict=True)), acb(0)) for unit in units]
 
 
 def support(p: Any, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
@@ -134,7 +147,7 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     With a sample time the commands that are refuted take one sample less, or even fewer. Of many short samples it is enough that no
     measurable input can do it in their time.
     """
-    require(bool(system.zeros) or not witness.tail, "multipliers of a tail that the task does not have")
+    require(bool(system.zeros) or not (witness.tail or witness.after), "multipliers of a tail that the task does not have")
     numbers, price = costate(system, witness)
     others, more, relief = boxes.relaxed(system, witness.samples)
     price += arb(witness.fuel * (system.task.limits.fuel or 0))
@@ -164,6 +177,7 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
                 roots,
                 whole,
                 witness.ramps,
+                arb(witness.steps[0]) if witness.steps else None,
                 lambda wave, length, low, high: support(wave, length, low, high, fine),
                 lambda wave: parts(system, wave, witness.fuel),
             )

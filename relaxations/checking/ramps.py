@@ -6,8 +6,9 @@ The witness gives ramps, disjoint intervals of s on which p - q' is constant in 
     ∫ p u ≤ ∫_rest σ(p) + Σ lengths σ(levels) + ∫ rate(q) - q(0) u_ss,     rate(q) = max(upper slope q, lower slope q)
 
 whatever the ramps are. The levels of a ramp are shifted by one constant so that q ends at 0; but a ramp from s = 0 on ends there with q(0)
-as it comes, and where the move begins within a ramp nothing is asked of q (docs/theory.md, section 3). An input that is constant over
-samples changes by at most h times the limits from one to the next: q is then a number for each step, q' its differences.
+as it comes unless it is given (`steps`), and where the move begins within a ramp nothing is asked of q (docs/theory.md, section 3).
+An input that is constant over samples changes by at most h times the limits from one to the next: q is then a number for each step, q'
+its differences.
 """
 
 from __future__ import annotations
@@ -34,9 +35,15 @@ def edges(ramps: Sequence[Any], nothing: Chains, horizon: arb) -> list[Kick]:
 
 
 def most(
-    task: Any, roots: tuple[Root, ...], whole: Sequence[Piece], ramps: Sequence[Any], support: Support, parts: Callable[[Wave], list[Part]]
+    task: Any,
+    roots: tuple[Root, ...],
+    whole: Sequence[Piece],
+    ramps: Sequence[Any],
+    q0: arb | None,
+    support: Support,
+    parts: Callable[[Wave], list[Part]],
 ) -> tuple[arb, arb]:
-    """The right side of the inequality up to an exact horizon, but for its last term, by the pieces of p; and q(0)."""
+    """The right side of the inequality up to an exact horizon, but for its last term, by the pieces of p; and q(0), if it is not given."""
     total, first, at = arb(0), arb(0), 0
     for ramp in (*ramps, None):
         begin, end = (arb("inf"), arb("inf")) if ramp is None else (arb(ramp.edges[0]).mid(), arb(ramp.edges[-1]).mid())
@@ -47,7 +54,8 @@ def most(
         while after < len(whole) and whole[after][0] < end:
             after += 1
         if ramp is not None and after > at:
-            cost, q = ramped(task, roots, whole[at:after], ramp, open_end=after == len(whole), support=support, parts=parts)
+            given, open_end = q0 if begin == 0 else None, after == len(whole)
+            cost, q = ramped(task, roots, whole[at:after], ramp, given, open_end, support, parts)
             total, first = total + cost, q if begin == 0 else first
         at = after
     return total, first
@@ -58,6 +66,7 @@ def ramped(
     roots: tuple[Root, ...],
     own: Sequence[Piece],
     ramp: Any,
+    given: arb | None,
     open_end: bool,
     support: Support,
     parts: Callable[[Wave], list[Part]],
@@ -69,9 +78,9 @@ def ramped(
         value(roots, integrated(roots, chains), length) - level * length for (_, length, chains), level in zip(own, levels, strict=True)
     ]
     starts = bool(own[0][0] == 0)
-    shift = arb(0) if starts or open_end else sum(gains, arb(0)) / sum((length for _, length, _ in own), arb(0))
-    total, q = arb(0), -sum(gains, arb(0)) if starts else arb(0)
-    first = q
+    first = given if given is not None else -sum(gains, arb(0)) if starts else arb(0)
+    shift = arb(0) if open_end else (first + sum(gains, arb(0))) / sum((length for _, length, _ in own), arb(0))
+    total, q = arb(0), first
     for (_, length, chains), level, gained in zip(own, levels, gains, strict=True):
         for part, a, b in parts(constant.raised(level + shift)):
             held = part(arb(0))[0]
@@ -111,7 +120,7 @@ def stepped(system: System, cells: Sequence[arb], witness: Any) -> tuple[arb, ar
 
 def moments(system: System, command: Sequence[Number], n: int) -> arb_mat:
     """The moments of the command that goes straight from level to level."""
-    instants, levels = [*command[1 : n + 1], command[0]], [*command[n + 1 : 2 * n + 1], system.rest]
+    instants, levels = [*command[1 : n + 1], command[0]], [*command[n + 1 : 2 * n + 1], system.end(command[2 * n + 1 :])]
     slopes = [arb(b - a) / arb(t - s) for (s, t), (a, b) in zip(pairwise(instants), pairwise(levels), strict=True)]
     total = arb_mat(system.target.nrows(), 1)
     for at, (before, after) in zip(instants, pairwise([arb(0), *slopes]), strict=False):
@@ -122,17 +131,22 @@ def moments(system: System, command: Sequence[Number], n: int) -> arb_mat:
 
 
 def derivative(system: System, command: Sequence[Number], n: int, i: int) -> arb_mat:
-    """Of these by level i, which is not the first."""
+    """Of these by level i, which is not the first; level n is where the tail begins."""
     instants = [*command[1 : n + 1], command[0]]
+    if i == n:
+        return flat(system.roots, Root.ramp, arb(command[0] - instants[n - 1])) / arb(command[0] - instants[n - 1])
     before, at, after = (flat(system.roots, Root.ramp, arb(command[0] - instants[j])) for j in (i - 1, i, i + 1))
     return (before - at) / arb(instants[i] - instants[i - 1]) - (at - after) / arb(instants[i + 1] - instants[i])
 
 
 def prove(system: System, command: Sequence[Number], n: int) -> None:
     """Prove that the command begins at 0 and that its slopes, or steps, are within their limits; raises `Refuted` or `Undecided`."""
-    instants, levels, step = [*command[1 : n + 1], command[0]], [*command[n + 1 : 2 * n + 1], system.rest], system.task.limits.sample_time
+    instants, step = [*command[1 : n + 1], command[0]], system.task.limits.sample_time
+    levels = [*command[n + 1 : 2 * n + 1], system.end(command[2 * n + 1 :])]
     if not step and levels[0] != 0:
         raise Refuted("the input jumps at the beginning of the move")
+    if not step and not levels[0] == 0:  # where the tail is all there is
+        raise Undecided("the input is not known to begin where it rests")
     low, high = system.task.limits.rate
     spans = [arb(t - s) for s, t in pairwise(instants)] if not step else [arb(step)] * (n + 1)
     for span, (a, b) in zip(spans, pairwise(levels if not step else [fmpq(0), *levels]), strict=True):
@@ -157,11 +171,13 @@ def sensible(task: Any, lower: Any) -> None:
     """Raise `Malformed` unless limits of the slope make sense, and ramps come with them, in order."""
     rate, step, ramps, steps = task.limits.rate, task.limits.sample_time, lower.ramps if lower else (), lower.steps if lower else ()
     require(not ramps or (rate is not None and step is None), "ramps belong to limits of the slope")
-    require(not steps or (rate is not None and step is not None), "multipliers of steps belong to limits of the slope with a sample time")
+    require(not steps or rate is not None, "multipliers of steps belong to limits of the slope")
+    begins = len(steps) == 1 and bool(ramps) and ramps[0].edges[0] == 0
+    require(step is not None or not steps or begins, "q(0) is one number, and belongs to a ramp that begins there")
     if rate is None:
         return
-    fine = task.rest == "state" and task.box is None and task.limits.pulse_width is None and task.limits.pulses is None
-    require(fine, "limits of the slope belong to a rest of the state, without a box, and not to pulses")
+    fine = (task.box is None or step is not None) and task.limits.pulse_width is None and task.limits.pulses is None
+    require(fine, "limits of the slope do not belong to a box without a sample time, nor to pulses")
     require(rate[0] < 0 < rate[1], "limits of the slope have room on either side of 0")
     at = fmpq(0)
     for ramp in ramps:

@@ -152,10 +152,13 @@ CONTACTS: list[Any] = [{"time": real, "upper": real, "lower": real}, 0, MOST_CON
 PRESSES: list[Any] = [{"output": name, "begin": real, "end": real, "weight": real}, 0, MOST_CONTACTS]
 RAMPS: list[Any] = [{"edges": [real, 2, 1000], "levels": [real, 1, 1000]}, 0, MOST_CONTACTS]
 SAMPLES: list[Any] = [{"place": [real, 1, 8], "residual": CONTACTS}, 0, 1000]
+# … of what a tail does to the input's slope (null) or to an output, so many seconds after the move
+AFTER: list[Any] = [{"output": (None, name), "time": real, "upper": real, "lower": real}, 0, MOST_CONTACTS]
 STEPS: list[Any] = [real, 0, MOST_SEGMENTS]  # of the input's changes from sample to sample, the last change first
 LOWER = {
     "costate": [CHAINS, 1, 1],
     "tail": CONTACTS,
+    "after": AFTER,
     "samples": SAMPLES,
     "fuel": real,
     "deflection": PRESSES,
@@ -206,10 +209,8 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     fine = length is None or (task.rest == "output" and length.time >= 0 and 0 < length.within <= 1)
     require(fine, "a tail length belongs to an output rest: a time from 0 on, a fraction from 0 to 1")
     start = task.initial_state
-    fine = start is None or any(
-        task.rest == "state" and task.box is None and not plant.zeros and len(start) == len(plant.denominator) - 1 for plant in task.plants
-    )
-    require(fine, "an initial state has as many numbers as the plant has poles, and belongs to a state rest without further zeros")
+    fine = start is None or any(task.box is None and not plant.zeros and len(start) == len(plant.denominator) - 1 for plant in task.plants)
+    require(fine, "an initial state has as many numbers as the plant has poles, and goes without further zeros or a box")
     limits, plain = task.limits, task.rest == "state" and task.box is None and task.limits.sample_time is None
     fine = (limits.pulse_width is None and limits.pulses is None) or (plain and limits.pulse_width != 0 and limits.pulses != 0)
     require(fine and (limits.pulse_width or 1) > 0, "pulses have a width or number of more than 0, under state rest without box or samples")
@@ -221,6 +222,11 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     require(bool(sides) != (claim.impossible is not None), "a claim has sides, or says that the task is impossible")
     require(all(side >= 0 for side in sides), "a maneuver time is not negative")
     require(bool(lower or not claim.lower) and bool(upper or claim.upper is None), "a side that is claimed has no witness")
+    for contact in lower.after if lower else ():
+        known = task.limits.rate is not None if contact.output is None else contact.output in task.limits.deflection
+        require(
+            known and min(contact.time, contact.upper, contact.lower) >= 0, "multipliers after the move are of limits, and not negative"
+        )
     contacts = [*lower.tail, *(contact for sample in lower.samples for contact in sample.residual)] if lower else []
     require(
         all(x >= 0 for contact in contacts for x in vars(contact).values()),

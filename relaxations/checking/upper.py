@@ -35,8 +35,8 @@ def as_written(task: Any, zeros: Sequence[Root], witness: Any) -> tuple[list[Num
     levels = [segment.level - task.initial_input for segment in witness.segments]
     command = [witness.maneuver_time, *(segment.start for segment in witness.segments), *levels, *tail]
     if task.limits.rate is not None and task.limits.sample_time is None:
-        fine = all(kind == "level" and i > 0 for kind, i, _ in witness.free)
-        require(fine, "with limits of the slope the unknowns are levels, the first one excepted")
+        fine = all(kind in ("re", "im") or (kind == "level" and i > 0) for kind, i, _ in witness.free)
+        require(fine, "with limits of the slope the unknowns are levels, the first one excepted, and the tail")
     if step := task.limits.sample_time:
         fixed = all((instant / step).q == 1 for instant in command[: n + 1]) and all(kind == "level" for kind, _, _ in witness.free)
         require(fixed, "with a sample time all instants are exact multiples of it, and none is an unknown")
@@ -62,7 +62,7 @@ def derivative(system: System, n: int, command: list[Number], place: int) -> arb
     def begun(entries: Any, i: int) -> arb_mat:
         return flat(system.roots, entries, arb(command[0] - instants[i]))
 
-    if system.sloped:
+    if system.sloped and place <= 2 * n:
         return ramps.derivative(system, command, n, place - n - 1)
     if place == 0:
         return sum((begun(Root.impulse, i) * arb(levels[i + 1] - levels[i]) for i in range(n)), system.drift(arb(command[0]), True))
@@ -70,7 +70,13 @@ def derivative(system: System, n: int, command: list[Number], place: int) -> arb
         return begun(Root.impulse, place - 1) * arb(levels[place - 1] - levels[place])
     if place <= 2 * n:
         return begun(Root.step, place - n - 1) - begun(Root.step, place - n)
-    return -system.columns * arb_mat(system.columns.ncols(), 1, [int(j == place - 2 * n - 1) for j in range(system.columns.ncols())])
+    unit = [fmpq(j == place - 2 * n - 1) for j in range(system.columns.ncols())]
+    moved = (
+        ramps.derivative(system, command, n, n) * arb(system.end(unit) - system.rest)
+        if system.sloped and n
+        else arb_mat(system.target.nrows(), 1)
+    )
+    return moved - system.columns * arb_mat(len(unit), 1, unit)
 
 
 def exactly(system: System, n: int, command: list[Any]) -> None:
@@ -167,26 +173,38 @@ def inside(tail: Wave, start: arb, end: arb, room: tuple[fmpq, fmpq], first: fmp
         waiting += [(a, c), (c, b)]
 
 
-def tail_limits(system: System, n: int, command: list[Number]) -> None:
-    """The tail within its limits for ever: on [0, far] by subdivision, beyond as `settled` says."""
-    if all(number == 0 for number in command[2 * n + 1 :]):
-        return
-    tail, length = Wave.of(system.zeros, command[2 * n + 1 :]), system.task.limits.tail_length
-    later = length.time if length else fmpq(0)
-    far = max(arb(later).upper(), *((-1 / zero.value.real).upper() for zero in tail.roots))
+def far(tail: Wave, later: fmpq, above: fmpq, below: fmpq) -> arb:
+    """An instant from which on a tail is settled."""
+    at = max(arb(later).upper(), *((-1 / zero.value.real).upper() for zero in tail.roots))
     for _ in range(100):
-        if settled(tail, far, *system.room(later)):
-            break
-        far *= 2
-    else:
-        raise Undecided("the tail does not settle within the limits: the final rest input may lie on one")
+        if settled(tail, at, above, below):
+            return at
+        at *= 2
+    raise Undecided("the tail does not settle within the limits: the final rest may lie on one")
+
+
+def tail_limits(system: System, n: int, command: list[Number]) -> None:
+    """The tail within its limits for ever, what it does to its slope and to outputs too: by subdivision until it is `settled`."""
+    numbers, length = command[2 * n + 1 :], system.task.limits.tail_length
+    if all(number == 0 for number in numbers):
+        return
+    tail, later = Wave.of(system.zeros, numbers), length.time if length else fmpq(0)
+    for output in ([None] if system.task.limits.rate is not None else []) + [*system.task.limits.deflection]:
+        answer, above, below = system.after(output)
+        rest, chains = iter(numbers), []
+        for zero in system.zeros:
+            chains += answer([acb(next(rest), next(rest) if zero.flexible else 0) for _ in range(zero.multiplicity)], zero)
+        flexible = [zero.flexible for zero in system.zeros for _ in range(zero.multiplicity)]
+        course = Wave.of(system.zeros, [part for c, pair in zip(chains, flexible, strict=True) for part in (c.real, c.imag)[: 1 + pair]])
+        inside(course, arb(0), far(course, fmpq(0), above, below), (above, below), None)
+    beyond = far(tail, later, *system.room(later))
     (plant,), first = system.task.plants, None
     if n == 0 and len(plant.numerator) == len(plant.denominator):
         # A command that is all tail: the output jumps to its target by the feed-through at once, u(0+) = u_0 + Δ/D, exactly.
         first = system.task.displacement / plant.numerator[0] - system.rest
     # The tighter limits of a tail length count from its time on; the ball of that instant obeys both.
     inside(tail, arb(0), arb(later).upper(), system.room(fmpq(-1)), first)
-    inside(tail, arb(later).lower(), far, system.room(later), first)
+    inside(tail, arb(later).lower(), beyond, system.room(later), first)
 
 
 def prove(system: System, witness: Any, time: fmpq) -> None:
@@ -203,7 +221,7 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         levels = command[n + 1 : 2 * n + 1]
         burnt = (abs(arb(level)) * arb(b - a) for level, (a, b) in zip(levels, pairwise(instants), strict=True))
         at_most(
-            ramps.burnt([*levels, system.rest], instants) if system.sloped else sum(burnt, arb(0)),
+            ramps.burnt([*levels, system.end(command[2 * n + 1 :])], instants) if system.sloped else sum(burnt, arb(0)),
             system.task.limits.fuel,
             "the move uses no more fuel than there is",
         )

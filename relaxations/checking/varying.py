@@ -22,7 +22,7 @@ from relaxations.checking.balls import spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
 RATIO, REACH = 8, 1.5  # ρ, and the length of a step times a_0
-SWEEPS = 60  # of the iteration for the weights
+SWEEPS, LIGHTEST = 60, 2.0**-12  # of the iteration for the weights, and the least of these
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,12 @@ class Step:
     left: arb_mat  # of the rows
     beyond: arb  # of p = q Φ(0, t) B(t), for each row
 
+    @property
+    def costate(self) -> Series:
+        """q Φ(0, t) B(t) of the one row that there is."""
+        polynomial = arb_poly([product(self.rows, self.column, k)[0, 0] for k in range(len(self.rows))])
+        return Series(polynomial, self.beyond, self.beyond * len(self.rows) / arb(self.length))
+
     def impulse(self, tau: arb) -> arb_mat:
         """q Φ(0, t) B(t)."""
         return (horner(self.rows, tau) + self.left) * (self.column[0] + self.column[1] * tau)
@@ -91,7 +97,7 @@ def weights(schedule: Any) -> list[arb]:
     found = [1.0] * n
     for _ in range(SWEEPS):
         moved = [sum(size[i][j] / scale * found[j] for j in range(n)) + 0.01 * found[i] for i in range(n)]
-        found = [max(x / max(moved), 2.0**-60) for x in moved]
+        found = [max(x / max(moved), LIGHTEST) for x in moved]
     return [arb(x) for x in found]
 
 
@@ -198,8 +204,7 @@ def lower_side(task: Varying, witness: Any, time: fmpq) -> None:
     fine_enough = (gain / end * arb(2) ** (-flint.ctx.prec // 2)).lower()
     for step in steps(task.task.schedule, arb_mat([numbers]), end.upper()):
         length = arb(step.length).min(end - arb(step.begin)).upper()  # rather a hair too far: σ is not negative
-        polynomial = arb_poly([product(step.rows, step.column, k)[0, 0] for k in range(len(step.rows))])
-        p = Series(polynomial, step.beyond, step.beyond * len(step.rows) / arb(step.length))
+        p = step.costate
         parts = [(p, task.lower, task.upper)]
         if task.task.limits.fuel is not None:
             parts = [(p.raised(-price), fmpq(0), task.upper), (p.raised(price), task.lower, fmpq(0))]
