@@ -229,7 +229,7 @@ def _sums_of(shaper: Shaper) -> tuple[float, float]:
 
 
 def _different(modes: Sequence[Mode]) -> tuple[Mode, ...]:
-    """Each mode once: what leaves nothing of it leaves nothing of another just like it, where a plant with both asks for a derivative more."""
+    """Each mode once: what leaves nothing of it leaves nothing of another just like it; a plant with both asks for a derivative more."""
     return tuple(dict.fromkeys(modes))
 
 
@@ -322,11 +322,11 @@ def _once(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
 
 
 def _between_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return tuple(zero for mode in request.modes for zero in extra_insensitive(mode, request.tolerance, number).zeros), 0
+    return tuple(zero for mode in _different(request.modes) for zero in extra_insensitive(mode, request.tolerance, number).zeros), 0
 
 
 def _between_unity_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return tuple(zero for mode in request.modes for zero in unity_magnitude(mode, request.tolerance, number).zeros), 0
+    return tuple(zero for mode in _different(request.modes) for zero in unity_magnitude(mode, request.tolerance, number).zeros), 0
 
 
 _EITHER = frozenset({"simultaneous", "pulse"})
