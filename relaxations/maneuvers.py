@@ -288,7 +288,7 @@ def _pulses(maneuver: Maneuver) -> None:
     if limits.pulsed and (maneuver.tail or maneuver.box is not None or maneuver.sample_time is not None):
         raise ManeuverError(
             "limits of pulses belong to a state rest of one plant, at any instants: no tail, which decays (thrusters are on or off), no "
-            "sample time, for three levels on samples are finitely many commands, and bring a plant to rest by coincidence only, and no box yet"
+            "sample time, for three levels on samples are finitely many commands, and rest by coincidence only, and no box yet"
         )
 
 

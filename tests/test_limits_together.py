@@ -106,8 +106,12 @@ def test_more_random_limits_of_sampled_commands_against_another_program(seed: in
 def compared_with_samples(seed: int, must: tuple[str, ...]) -> None:
     """HiGHS finds a command of so many samples, and none of one sample less; it looks at outputs eight times in each."""
     case = limiting(seed, ("sample_time", *must))
-    lower, upper = sides(minimum_time(case.problem), 1e-14)
     step, other = float(case.problem.maneuver.sample_time or 0), case.other(looks=8)
+    found = minimum_time(case.problem)
+    if found.status is Status.IMPOSSIBLE:
+        assert other.fraction(300 * step, 300) < 1
+        return
+    lower, upper = sides(found, 1e-14)
     count = round(upper / step)
     assert round(lower / step) == count
     assert other.fraction(count * step, count) >= 1 - 1e-7
@@ -122,6 +126,9 @@ def test_random_limits_against_another_program(seed: int) -> None:
         compared_with_samples(1000 + seed, tuple(name for name in case.names if name != "sample_time"))
         return
     found = minimum_time(case.problem)
+    if found.status is Status.IMPOSSIBLE:
+        assert case.other(looks=2).fraction(30.0, 100) < 1
+        return
     lower, upper = sides(found, 1e-3)
     time = case.other(looks=2).time(0.9 * lower, 1.1 * upper, 100, 1e-4)
     # A grid of 100 cells takes longer, and its outputs are limited twice in each only.
