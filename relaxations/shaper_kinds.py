@@ -228,10 +228,15 @@ def _sums_of(shaper: Shaper) -> tuple[float, float]:
     return low, max(high, 1.0)
 
 
+def _different(modes: Sequence[Mode]) -> tuple[Mode, ...]:
+    """Each mode once: what leaves nothing of it leaves nothing of another just like it; a plant with both asks for a derivative more."""
+    return tuple(dict.fromkeys(modes))
+
+
 def _within_sums(zeros: Sequence[Mode], sums: tuple[float, float], derivatives: int, what: str) -> Least | None:
     """How short any sequence with partial sums in these bounds could be."""
     try:
-        bound = bounded(zeros, *_bounds(sums), derivatives).bound
+        bound = bounded(_different(zeros), *_bounds(sums), derivatives).bound
     except (ShaperError, SolverError):
         return None
     return _least(bound.lower if bound.status is Status.PROVED else None, _summed(sums, what), zeros)
@@ -247,7 +252,7 @@ def _sums(request: Request, number: int) -> Made:
 
 def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> Made:
     low, high = _bounds(sums)
-    found = bounded(modes, low, high, number)
+    found = bounded(_different(modes), low, high, number)
     proven = found.bound.lower if found.bound.status is Status.PROVED else None
     return Made(found.shaper, _least(proven, _summed(sums, "these zeros"), modes))
 
@@ -255,9 +260,9 @@ def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> M
 def _on_off(request: Request, number: int) -> Made:
     height = request.height if request.height is not None else math.nan
     if request.sample_time is None:
-        found = pulsed(request.modes, height, number)
+        found = pulsed(_different(request.modes), height, number)
     else:
-        found = at_intervals(request.modes, height, request.sample_time, number)
+        found = at_intervals(_different(request.modes), height, request.sample_time, number)
     proven = found.bound.lower if found.bound.status is Status.PROVED else None
     if request.sample_time is not None and found.intervals:
         what = f"pulses of {height:g} 1/s that begin at multiples of {request.sample_time!r} s, of which {found.intervals} are needed"
@@ -309,19 +314,19 @@ def _bounds(sums: tuple[float, float]) -> tuple[Fraction, Fraction]:
 
 
 def _all(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return request.modes, number
+    return _different(request.modes), number
 
 
 def _once(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return request.modes, 0
+    return _different(request.modes), 0
 
 
 def _between_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return tuple(zero for mode in request.modes for zero in extra_insensitive(mode, request.tolerance, number).zeros), 0
+    return tuple(zero for mode in _different(request.modes) for zero in extra_insensitive(mode, request.tolerance, number).zeros), 0
 
 
 def _between_unity_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return tuple(zero for mode in request.modes for zero in unity_magnitude(mode, request.tolerance, number).zeros), 0
+    return tuple(zero for mode in _different(request.modes) for zero in unity_magnitude(mode, request.tolerance, number).zeros), 0
 
 
 _EITHER = frozenset({"simultaneous", "pulse"})

@@ -210,3 +210,13 @@ def test_widths_that_exist_are_never_refuted():
         )
         tree = Halves(0, Fraction(float(chance.uniform(0.0, 0.46))), one, other) if halved else one
         assert not no_widths(conditions, Fraction("6.54"), Fraction("0.46"), count, tree)
+
+
+def test_a_mode_that_is_named_twice_asks_for_no_more_than_once():
+    """A plant with two equal modes would ask for a derivative more; a shaper does not."""
+    mode = Mode(2.0, 0.1)
+    one, two = (make("um-zv", Request(modes, simultaneous=True)) for modes in ((mode, mode), (mode,)))
+    assert one.shaper.times == pytest.approx(two.shaper.times, rel=1e-12)
+    turn = make("um-zv", Request((mode, mode)))
+    assert turn.least is not None
+    assert turn.least.duration <= make("sums-zv", Request((mode,), sums=(-1.0, 2.0))).shaper.duration * (1 + 1e-12)

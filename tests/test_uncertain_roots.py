@@ -319,3 +319,19 @@ def test_mistakes_of_studies(tmp_path: Path):
 def test_roots_that_nothing_looks_at_are_told(tmp_path: Path):
     study = load_study(written(tmp_path, NUMBERS, "mode[1].frequency", "[0.9, 1.1]", robustness="1"))
     assert any("mode[1].frequency changes nothing here" in note for note in study.notes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "ranges", "displacement"),
+    [
+        ("cart", (("zero[1]", "0.9", "1.1"), ("mode[1].frequency", "0.9", "1.1"), ("mode[1].damping", "0.1", "0.2")), "1"),
+        ("chain of four", tuple((f"mode[{i}].frequency", "0.97", "1.03") for i in (1, 2, 3)), "2"),
+    ],
+)
+def test_three_parameters(name: str, ranges: Ranges, displacement: str):
+    """A zero, a frequency and a damping ratio; three modes that last."""
+    found = tolerant(name, ranges, displacement)
+    assert found.status is Status.PROVED, found.reason
+    assert found.gap is not None
+    assert found.gap <= 1e-4

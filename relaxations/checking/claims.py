@@ -63,7 +63,9 @@ def check(content: bytes) -> Check:
     outcome, reason = Outcome.INCONCLUSIVE, ""
     try:
         certificate = read(content)
-        claimed, work["left"] = certificate.claim, min(WORK + WORK_PER_BYTE * len(content), MOST_WORK)
+        claimed, box = certificate.claim, certificate.task.box
+        cells = 4 ** max(len(box.parameters) - 2, 0) if box else 1  # each further parameter of a box multiplies its cells
+        work["left"] = min((WORK + WORK_PER_BYTE * len(content)) * cells, MOST_WORK)
         for bits in BITS:
             flint.ctx.prec, flint.ctx.cap = bits, TERMS
             try:
