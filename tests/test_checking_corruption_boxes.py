@@ -15,9 +15,11 @@ from functools import cache
 from typing import Any
 
 import pytest
-import test_checking_corruption as plain
 from box_tasks import FREQUENCY, SPRING, Listed, axis, fastest, tolerant
+from corruption import WAYS as PLAIN
+from corruption import nudge
 from forgery import forged, number, opened, written
+from test_checking_corruption import is_true as true_of_one_plant
 
 from relaxations import moved
 from relaxations.bounds import Settings
@@ -57,7 +59,7 @@ def originals() -> tuple[bytes, ...]:
 def another_range(data: Any, rng: random.Random) -> None:
     chosen = rng.choice(data["task"]["box"]["parameters"])
     end = rng.choice(("low", "high", "nominal"))
-    chosen[end] = plain.nudge(chosen[end] or "0.1", rng)
+    chosen[end] = nudge(chosen[end] or "0.1", rng)
 
 
 def another_name(data: Any, rng: random.Random) -> None:
@@ -67,7 +69,7 @@ def another_name(data: Any, rng: random.Random) -> None:
 def another_tolerance(data: Any, rng: random.Random) -> None:
     box = data["task"]["box"]
     member = rng.choice(("tolerance", "final_tolerance"))
-    box[member] = plain.nudge(box[member] or "0.1", rng) if rng.random() < 0.7 else rng.choice(("0.1", "0.02", "0"))
+    box[member] = nudge(box[member] or "0.1", rng) if rng.random() < 0.7 else rng.choice(("0.1", "0.02", "0"))
 
 
 def parameters_exchanged(data: Any, rng: random.Random) -> None:
@@ -79,7 +81,7 @@ def parameters_exchanged(data: Any, rng: random.Random) -> None:
 def another_place(data: Any, rng: random.Random) -> None:
     place = rng.choice(data["lower"]["samples"])["place"]
     i = rng.randrange(len(place))
-    place[i] = plain.nudge(place[i], rng)
+    place[i] = nudge(place[i], rng)
 
 
 def fewer_samples(data: Any, rng: random.Random) -> None:
@@ -123,7 +125,7 @@ def tampered(seed: int) -> tuple[str, bytes]:
     """A certificate, tampered with in one way or two and signed again."""
     rng = random.Random(f"box {seed}")
     data, names = opened(rng.choice(originals())), []
-    for way in rng.choices((*WAYS, *plain.WAYS), k=rng.choice((1, 1, 2))):
+    for way in rng.choices((*WAYS, *PLAIN), k=rng.choice((1, 1, 2))):
         try:
             way(data, rng)
         except (KeyError, IndexError, TypeError, ValueError, ZeroDivisionError, AttributeError):  # it does not suit what is left
@@ -184,7 +186,7 @@ def truth(text: str) -> float:
 def is_true(data: dict[str, Any]) -> bool:
     """Whether a claim is."""
     if data["task"]["box"] is None:
-        return plain.is_true(data)
+        return true_of_one_plant(data)
     claim = data["claim"]
     if claim["lower"] == "0" and claim["upper"] is None:
         return True

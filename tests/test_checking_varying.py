@@ -139,6 +139,21 @@ def test_krawczyks_test_finds_the_exact_command() -> None:
     assert outcome(content, moved) is Outcome.PROVED
 
 
+@pytest.mark.parametrize("off", [Fraction(1, 10**9), Fraction(-1, 10**9)])
+def test_fuel_is_that_of_the_exact_command(off: Fraction) -> None:
+    content = proven(posed(HOISTING, 2, fuel="2"))[2]
+    place = next(i for kind, i, _ in opened(content)["upper"]["free"] if kind == "start")
+
+    def moved(d: Any) -> None:
+        segment = d["upper"]["segments"][place]
+        segment["start"] = written(number(segment["start"]) + off)
+        d["upper"]["radius"] = "1/1000000"
+        d["task"]["limits"]["fuel"] = "2.0000000001"
+        d["claim"].update(lower=None, upper=written(number(d["claim"]["upper"]) * (1 + Fraction(1, 10**10))))
+
+    assert outcome(content, moved) is Outcome.PROVED
+
+
 def test_rests_that_are_held() -> None:
     held = VaryingPlant.of([0, 1], [STIFF_A] * 2, [STIFF_B] * 2, [STIFF_C] * 2)
     content = proven(posed(held, "0.5"))[2]
