@@ -22,8 +22,8 @@ from relaxations.bounds import Status
 from relaxations.commands import Command
 from relaxations.maneuvers import problem
 from relaxations.response import response
-from relaxations.shaper_requests import Request
-from relaxations.worst_residuals import worst_residual
+from relaxations.robust.worst import worst_residual
+from relaxations.shaping.requests import Request
 from reports import charts
 from reports.files import write_atomically
 from suite.design import design, pose

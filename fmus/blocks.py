@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from fmus.errors import BuildError
 from fmus.plant_files import IDENTIFIER, RESERVED, PlantFile, PlantVariable
 from relaxations.commands import Command
-from relaxations.shapers import Shaper
+from relaxations.shaping.shapers import Shaper
 
 HISTORY = 8192
 """How many changes of the reference a shaper remembers, unless it is said otherwise: 200 kB."""

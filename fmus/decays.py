@@ -20,7 +20,7 @@ from scipy.signal import decimate
 
 from fmus.errors import DecayError
 from fmus.identification import Record, realize
-from relaxations.shaper_modes import Mode
+from relaxations.shaping.modes import Mode
 
 Reals = NDArray[np.float64]
 

@@ -23,9 +23,9 @@ from types import MappingProxyType
 from typing import Any, Protocol, Self, TypeVar
 
 from fmus.errors import DescriptionError
-from relaxations.boxes import Family
-from relaxations.families import Parameters
 from relaxations.plants import LinearPlant
+from relaxations.robust.boxes import Family
+from relaxations.robust.families import Parameters
 
 Row = tuple[Fraction, ...]
 Value = Fraction | Decimal | float | str

@@ -25,7 +25,7 @@ from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.grids import grid
 from relaxations.maneuvers import Problem, TargetSet
 from relaxations.refinement import Extremal, Failure, refine
-from relaxations.residuals import MISSED
+from relaxations.robust.residuals import MISSED
 from relaxations.tails import Contact, Looks, TailStart
 
 Reals = NDArray[np.float64]

@@ -15,11 +15,11 @@ import numpy as np
 import rfc8785
 from numpy.typing import NDArray
 
-from relaxations.boxes import Box, Family, Listed, Place, Polynomial
 from relaxations.maneuvers import Problem
-from relaxations.moved import Move, Moved
 from relaxations.plants import fraction
 from relaxations.prices import NONE, Prices
+from relaxations.robust.boxes import Box, Family, Listed, Place, Polynomial
+from relaxations.robust.moved import Move, Moved
 from relaxations.transitions import VaryingPlant
 
 Number = Fraction | float

@@ -15,7 +15,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.boxes import Box, at
 from relaxations.courses import Course, courses_of
 from relaxations.errors import ManeuverError
 from relaxations.frames import Frame
@@ -24,7 +23,8 @@ from relaxations.limits import Limits
 from relaxations.moments import Basis
 from relaxations.plants import LinearPlant, Pole, roots
 from relaxations.ramps import hats, rate_of
-from relaxations.residuals import Residuals, Sample
+from relaxations.robust.boxes import Box, at
+from relaxations.robust.residuals import Residuals, Sample
 from relaxations.tails import Aspect, TailLength, TailSpace, caps, passed, sloping, tail_columns, turning
 from relaxations.transitions import Transition
 

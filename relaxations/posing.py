@@ -14,7 +14,7 @@ from relaxations.conditioning import framed
 from relaxations.courses import Motion, motion
 from relaxations.errors import ShortHorizonError
 from relaxations.maneuvers import Problem
-from relaxations.residuals import Residuals
+from relaxations.robust.residuals import Residuals
 from relaxations.tails import Looks
 
 Reals = NDArray[np.float64]

@@ -46,8 +46,8 @@ from relaxations.polishing import Polished, polish
 from relaxations.prices import Prices
 from relaxations.refinement import Extremal, outline
 from relaxations.repair import SNAP, pivots, zoomed
-from relaxations.robust import further, minimum
-from relaxations.robust_proofs import robust_time
+from relaxations.robust.proofs import robust_time
+from relaxations.robust.search import further, minimum
 from relaxations.sampling import sampled_bracket
 from relaxations.sides import RADII, Proof, Side, accepted, concluded, instant_proof, landed, lower_side, rounded
 from relaxations.thrusters import Pulsed, admissible, pulsed_commands

@@ -14,7 +14,7 @@ import numpy as np
 from fmus.confinement import in_force
 from relaxations.bounds import Bound
 from relaxations.response import jumps
-from relaxations.sensitivity import residual
+from relaxations.shaping.sensitivity import residual
 from reports import charts, files, junit, layouts, logs, manifest, pages
 from suite.bound_records import bound_record
 from suite.campaign import RunResult

@@ -11,11 +11,11 @@ from fractions import Fraction
 from fmus.errors import FmuError
 from fmus.twins import linear_plant as twin_plant
 from fmus.twins import read_twin, twin_family
-from relaxations.boxes import Axis, Box, Family, Listed
 from relaxations.errors import ManeuverError, PlantError
-from relaxations.moved import Move, moved, nominal
-from relaxations.moved import axis as moved_axis
 from relaxations.plants import LinearPlant
+from relaxations.robust.boxes import Axis, Box, Family, Listed
+from relaxations.robust.moved import Move, moved, nominal
+from relaxations.robust.moved import axis as moved_axis
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.study import FmuPlant, ModalPlant, Plant, RootsPlant, StateSpacePlant, Study, TransferPlant
 from suite.varying import varying_plant

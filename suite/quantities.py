@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from relaxations.commands import Command
 from relaxations.response import jumps
-from relaxations.sensitivity import insensitivity
+from relaxations.shaping.sensitivity import insensitivity
 from suite.quantity_names import Quantity
 
 Reals = NDArray[np.float64]

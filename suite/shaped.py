@@ -7,14 +7,14 @@ from fractions import Fraction
 
 from relaxations.commands import Command
 from relaxations.errors import ImpossibleShaperError, PlantError, RelaxationsError
-from relaxations.following import followed, following_move
 from relaxations.maneuvers import Problem
 from relaxations.plants import LinearPlant
-from relaxations.references import rigid_move, rigid_problem, step
-from relaxations.shaper_kinds import make
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import shape
-from relaxations.streams import Schedule
+from relaxations.shaping.following import followed, following_move
+from relaxations.shaping.kinds import make
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.references import rigid_move, rigid_problem, step
+from relaxations.shaping.shapers import shape
+from relaxations.shaping.streams import Schedule
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.plants import plant_at
 from suite.shaping import Shaping, assess

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relaxations.sensitivity import residual, step_response
+from relaxations.shaping.sensitivity import residual, step_response
 from reports.files import json_bytes, write_atomically
 from suite.errors import SuiteError
 from suite.shaping import Shaping

@@ -8,10 +8,10 @@ from typing import Any
 from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
 from relaxations.errors import ImpossibleShaperError, ShaperError
-from relaxations.shaped_moves import Move, in_turn, left_over, rigid, with_zeros, within_band
-from relaxations.shaper_kinds import find
-from relaxations.shaper_requests import Request
-from relaxations.shapers import Shaper
+from relaxations.shaping.kinds import find
+from relaxations.shaping.moves import Move, in_turn, left_over, rigid, with_zeros, within_band
+from relaxations.shaping.requests import Request
+from relaxations.shaping.shapers import Shaper
 from suite.bound_records import bound_record
 
 

@@ -12,14 +12,14 @@ from typing import Any, TypeVar
 
 from relaxations.checking.worst import Worst, worst_residual
 from relaxations.errors import RelaxationsError, ShaperError
-from relaxations.insensitive import Band
-from relaxations.sensitivity import insensitivity
-from relaxations.shaped_moves import Move
-from relaxations.shaper_deflection import deflection
-from relaxations.shaper_kinds import KINDS, find, make, mistakes
-from relaxations.shaper_modes import Mode
-from relaxations.shaper_requests import BAND, TOLERANCE, Least, Request
-from relaxations.shapers import Shaper
+from relaxations.shaping.deflection import deflection
+from relaxations.shaping.insensitive import Band
+from relaxations.shaping.kinds import KINDS, find, make, mistakes
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.moves import Move
+from relaxations.shaping.requests import BAND, TOLERANCE, Least, Request
+from relaxations.shaping.sensitivity import insensitivity
+from relaxations.shaping.shapers import Shaper
 from suite.decays import Measured, measured_decay
 from suite.errors import SuiteError
 from suite.shaper_moves import Moved, moved

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Literal
 
 from fmus.confinement import Confinement
 from relaxations.commands import Command
-from relaxations.moved import Move
-from relaxations.shaper_requests import Request
+from relaxations.robust.moved import Move
+from relaxations.shaping.requests import Request
 from suite.quantity_names import Quantity
 
 if TYPE_CHECKING:
@@ -219,7 +219,7 @@ class Simulation:
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
     """A parameter that lies in [lower, upper] (its own `unit`), sampled at `samples` equally spaced values: an FMU's, or one that moves a
-    root of the linear plant (`relaxations.moved`)."""
+    root of the linear plant (`relaxations.robust.moved`)."""
 
     parameter: str
     lower: Decimal

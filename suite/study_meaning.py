@@ -15,9 +15,9 @@ from fmus.confinement import MEBIBYTE, Confinement
 from fmus.errors import FmuError
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError, PlantError
-from relaxations.moved import Move
-from relaxations.moved import axis as moved_axis
 from relaxations.plants import LinearPlant
+from relaxations.robust.moved import Move
+from relaxations.robust.moved import axis as moved_axis
 from suite import schema
 from suite.errors import ABSENT, Mistake
 from suite.plants import linear_plant

@@ -10,9 +10,9 @@ from typing import TypeVar
 
 from relaxations.commands import Command
 from relaxations.errors import CommandError, RelaxationsError, ShaperError
-from relaxations.shaper_kinds import KINDS, find, mistakes
-from relaxations.shaper_requests import BAND, TOLERANCE, Request
-from relaxations.shapers import Shaper
+from relaxations.shaping.kinds import KINDS, find, mistakes
+from relaxations.shaping.requests import BAND, TOLERANCE, Request
+from relaxations.shaping.shapers import Shaper
 from suite import schema
 from suite.errors import ABSENT, Mistake
 from suite.shaping import band_of, impulses_of, mode_of

@@ -18,7 +18,7 @@ from typing import Any
 from fmus.descriptions import Description
 from fmus.errors import FmuError
 from fmus.variables import REAL_TYPES, Unit, Variable, element_indices
-from relaxations.moved import Move
+from relaxations.robust.moved import Move
 from suite import units
 from suite.errors import Mistake
 from suite.quantity_names import QUANTITIES, UnitKind, parse_quantity

@@ -16,9 +16,10 @@ from fmus.descriptions import Variable
 from fmus.exporting import Exported, export, targets
 from fmus.packing import write
 from fmus.systems import plant_input, signal_for, system
-from relaxations import commands, shapers
+from relaxations import commands
 from relaxations.commands import Command
-from relaxations.shapers import Shaper
+from relaxations.shaping import shapers
+from relaxations.shaping.shapers import Shaper
 from suite.errors import SuiteError
 from suite.suggestions import did_you_mean
 

@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from relaxations.bounds import Bound, Status
-from relaxations.boxes import Axis, Box, Family, Listed
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Problem, problem
 from relaxations.plants import LinearPlant, fraction
 from relaxations.proofs import minimum_time
-from relaxations.worst_residuals import WorstResidual, worst_residual
+from relaxations.robust.boxes import Axis, Box, Family, Listed
+from relaxations.robust.worst import WorstResidual, worst_residual
 from reports.files import write_atomically
 from suite.design import pose
 from suite.errors import ABSENT, Mistake, StudyError, SuiteError

@@ -14,14 +14,14 @@ from independent import StateSpace
 from problems import chain
 
 from fmus.twins import linear_plant, read_twin, twin_family
-from relaxations import moved
 from relaxations.bounds import Bound
-from relaxations.boxes import Axis, Box, Family, Listed
 from relaxations.checking.claims import Outcome, check
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
 from relaxations.response import response
+from relaxations.robust import moved
+from relaxations.robust.boxes import Axis, Box, Family, Listed
 
 TWIN = """
 input = "force"

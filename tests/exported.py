@@ -15,7 +15,7 @@ from fmus.blocks import Block, Signal, command_block, shaper_block
 from fmus.compiling import FmiVersion, host
 from fmus.exporting import export
 from relaxations.commands import Command
-from relaxations.shapers import Shaper
+from relaxations.shaping.shapers import Shaper
 
 Reals = NDArray[np.float64]
 VERSIONS: tuple[FmiVersion, ...] = ("2.0", "3.0")

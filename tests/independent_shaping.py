@@ -10,7 +10,7 @@ from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
 from relaxations.commands import Command
-from relaxations.shapers import Shaper, ShaperTerm
+from relaxations.shaping.shapers import Shaper, ShaperTerm
 
 Reals = NDArray[np.float64]
 NODES, WEIGHTS = leggauss(40)  # exact to rounding for the smooth pieces that they meet here

@@ -13,10 +13,10 @@ from box_tasks import ONE, SPRING, TWIN, K, axis, fastest, forged, residual, rob
 from fmus.build import PLANTS
 from fmus.twins import linear_plant, read_twin, twin_family
 from relaxations.bounds import Status
-from relaxations.boxes import Axis, Box
 from relaxations.checking.claims import Outcome, check
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, problem
+from relaxations.robust.boxes import Axis, Box
 
 
 @pytest.mark.parametrize(("displacement", "width", "known"), [("1", "0.2", (5.396953, 5.397080)), ("5", "0.3", (7.269718, 7.269796))])

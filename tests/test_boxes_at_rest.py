@@ -13,9 +13,9 @@ from independent import StateSpace
 from scipy.optimize import linprog
 
 from relaxations.bounds import Status
-from relaxations.boxes import Axis, Family, Listed
 from relaxations.checking.claims import Outcome, check, claim
 from relaxations.plants import LinearPlant
+from relaxations.robust.boxes import Axis, Family, Listed
 from suite.design import design
 from suite.loading import load_study
 

@@ -21,15 +21,15 @@ from corruption import nudge
 from forgery import forged, number, opened, written
 from test_checking_corruption import is_true as true_of_one_plant
 
-from relaxations import moved
 from relaxations.bounds import Settings
-from relaxations.boxes import Axis, Box, Family, Polynomial
 from relaxations.checking.claims import Outcome, check
 from relaxations.errors import ManeuverError, PlantError, SolverError
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
-from relaxations.robust import at_rest_at_once, minimum
+from relaxations.robust import moved
+from relaxations.robust.boxes import Axis, Box, Family, Polynomial
+from relaxations.robust.search import at_rest_at_once, minimum
 
 SLACK = 5e-4
 """Relative: what the least time of a grid of some hundred intervals, with a box looked at here and there, is off by; brackets are 1e-4

@@ -24,7 +24,7 @@ from fmus.build import build
 from relaxations.commands import Command, Segment, Tail
 from relaxations.plants import LinearPlant
 from relaxations.response import response
-from relaxations.shapers import Shaper, ShaperTerm, shape
+from relaxations.shaping.shapers import Shaper, ShaperTerm, shape
 from suite.taking_away import Wanted, take_away
 
 STEP = 0.1  # s

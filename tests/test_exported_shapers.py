@@ -17,7 +17,7 @@ from raw_fmus import RawFmu
 
 from fmus.archives import open_archive
 from fmus.compiling import FmiVersion
-from relaxations.shapers import Pulse, Shaper
+from relaxations.shaping.shapers import Pulse, Shaper
 
 SHAPERS = {
     **known_shapers(),

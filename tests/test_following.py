@@ -13,13 +13,13 @@ from small_studies import SHIPPED
 
 from relaxations.commands import Command, Segment, Tail
 from relaxations.errors import ShaperError
-from relaxations.following import followed, following_move
-from relaxations.impulses import derivative_shaper
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import shape
-from relaxations.streams import Schedule
+from relaxations.shaping.following import followed, following_move
+from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.shapers import shape
+from relaxations.shaping.streams import Schedule
 from suite.design import design
 from suite.errors import StudyError
 from suite.loading import load_study

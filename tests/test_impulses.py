@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from relaxations.bounded_shapers import bounded
 from relaxations.bounds import Status
 from relaxations.errors import ShaperError
-from relaxations.humps import extra_insensitive, unity_magnitude
-from relaxations.impulses import derivative_shaper, equally_spaced, mzv, negative_zv
-from relaxations.sensitivity import insensitivity, residual
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import Shaper
+from relaxations.shaping.bounded import bounded
+from relaxations.shaping.humps import extra_insensitive, unity_magnitude
+from relaxations.shaping.impulses import derivative_shaper, equally_spaced, mzv, negative_zv
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.sensitivity import insensitivity, residual
+from relaxations.shaping.shapers import Shaper
 
 DAMPINGS = (0.0, 0.02, 0.1, 0.3, 0.7)
 ROUNDING = 1e-12  # of numbers of order one, computed in closed form

@@ -12,10 +12,10 @@ from scipy.optimize import linprog
 from relaxations.checking.durations import Condition, none_as_short
 from relaxations.checking.worst import worst_residual
 from relaxations.errors import ShaperError
-from relaxations.impulses import derivative_shaper
-from relaxations.insensitive import Band, Shortest, specified
-from relaxations.sensitivity import residual
-from relaxations.shaper_modes import Mode
+from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.insensitive import Band, Shortest, specified
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.sensitivity import residual
 
 PROVEN = 1.1e-8  # relative distance of the lower bound: it is tried at 1e-8 first
 

@@ -13,15 +13,15 @@ from scipy.optimize import linprog
 
 from relaxations.checking.durations import Condition, none_as_short, none_on_samples
 from relaxations.checking.pulse_widths import Halves, Vanishing, Weights, no_widths
-from relaxations.impulses import negative_zv
-from relaxations.least_durations import Remnant, least_duration
-from relaxations.pulse_intervals import Pulses, _Search, search
-from relaxations.pulses import at_intervals
-from relaxations.sampled_shapers import sampled
-from relaxations.shaper_kinds import make
-from relaxations.shaper_modes import Mode
-from relaxations.shaper_requests import Request
-from relaxations.shapers import Shaper
+from relaxations.shaping.impulses import negative_zv
+from relaxations.shaping.kinds import make
+from relaxations.shaping.least_durations import Remnant, least_duration
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.pulse_intervals import Pulses, _Search, search
+from relaxations.shaping.pulses import at_intervals
+from relaxations.shaping.requests import Request
+from relaxations.shaping.sampled import sampled
+from relaxations.shaping.shapers import Shaper
 
 ONE, TWO = (Mode(2 * math.pi, 0.05),), (Mode(2 * math.pi, 0.05), Mode(17.0, 0.02))
 TRIED = 1.1e-6  # relative distance of a bound that is the optimum itself: it is tried at 1e-7 and 1e-6 first

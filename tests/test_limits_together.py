@@ -15,13 +15,13 @@ from random_limits import limiting
 
 from fmus.twins import twin_family
 from relaxations.bounds import Bound, Status
-from relaxations.boxes import Box
 from relaxations.checking.claims import Outcome, check, claim
 from relaxations.errors import ManeuverError
 from relaxations.initial import from_output
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
+from relaxations.robust.boxes import Box
 
 SLOPED = 1e-4  # the gap where ramps meet limits of outputs: the grid knows where they begin and end to a cell
 INTEGRATOR, CART, SPRING = (transfer([1], [1, 0])(), transfer([1], [1, 0, 0])(), two_mass())

@@ -15,15 +15,15 @@ from scipy.optimize import linprog
 from relaxations.checking.worst import worst_residual
 from relaxations.commands import Command, Segment, Tail
 from relaxations.errors import ImpossibleShaperError, ShaperError
-from relaxations.impulses import derivative_shaper
 from relaxations.plants import LinearPlant
-from relaxations.pulses import at_intervals, pulsed
 from relaxations.response import response
-from relaxations.sampled_shapers import sampled
-from relaxations.sensitivity import residual, step_response
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import Pulse, Shaper, as_pulses, convolve, shape
-from relaxations.streams import Stream
+from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.pulses import at_intervals, pulsed
+from relaxations.shaping.sampled import sampled
+from relaxations.shaping.sensitivity import residual, step_response
+from relaxations.shaping.shapers import Pulse, Shaper, as_pulses, convolve, shape
+from relaxations.shaping.streams import Stream
 
 ONE, TWO = (Mode(2 * math.pi, 0.05),), (Mode(6.0, 0.05), Mode(17.0, 0.02))
 

@@ -8,7 +8,7 @@ from math import comb, exp, pi, sqrt
 import numpy as np
 import pytest
 
-from relaxations.sensitivity import insensitivity, residual
+from relaxations.shaping.sensitivity import insensitivity, residual
 
 DIGITS = 5e-11  # half a unit of the tenth decimal
 

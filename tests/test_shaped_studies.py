@@ -12,12 +12,12 @@ from click.testing import CliRunner
 from small_studies import SHIPPED, results, small_study
 
 from relaxations.commands import Command, Segment, Tail
-from relaxations.impulses import derivative_shaper
 from relaxations.plants import LinearPlant
-from relaxations.references import rigid_part
 from relaxations.response import response
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import shape
+from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.references import rigid_part
+from relaxations.shaping.shapers import shape
 from suite.checks import check_path
 from suite.cli import main
 from suite.design import Design, design

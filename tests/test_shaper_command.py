@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from relaxations.sensitivity import residual, step_response
-from relaxations.shapers import Shaper
+from relaxations.shaping.sensitivity import residual, step_response
+from relaxations.shaping.shapers import Shaper
 from suite.cli import main
 
 

@@ -13,11 +13,11 @@ from scipy.optimize import linprog
 
 from relaxations.checking.sampled_deflections import Asked, Left, Strayed, none_on_samples
 from relaxations.errors import ImpossibleShaperError, ShaperError
-from relaxations.impulses import derivative_shaper
-from relaxations.sensitivity import residual
-from relaxations.shaper_deflection import deflection, deflection_limited
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import Shaper
+from relaxations.shaping.deflection import deflection, deflection_limited
+from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.sensitivity import residual
+from relaxations.shaping.shapers import Shaper
 
 ONE, TWO = (Mode(2 * math.pi, 0.02),), (Mode(6.0, 0.02), Mode(17.0, 0.03))
 

@@ -14,12 +14,12 @@ from relaxations.bounds import Status
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command
 from relaxations.errors import ShaperError
-from relaxations.impulses import derivative_shaper, negative_zv
-from relaxations.insensitive import Band
 from relaxations.plants import LinearPlant
 from relaxations.response import response
-from relaxations.shaped_moves import Move, in_turn, left_over, rigid, with_zeros, within_band
-from relaxations.shaper_modes import Mode
+from relaxations.shaping.impulses import derivative_shaper, negative_zv
+from relaxations.shaping.insensitive import Band
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.moves import Move, in_turn, left_over, rigid, with_zeros, within_band
 from suite.cli import main
 
 MODE = Mode(2 * math.pi, 0.05)

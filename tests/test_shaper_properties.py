@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from relaxations.checking.worst import Worst, worst_residual
-from relaxations.humps import extra_insensitive
-from relaxations.impulses import derivative_shaper
-from relaxations.insensitive import specified
-from relaxations.sensitivity import residual
-from relaxations.shaper_kinds import make
-from relaxations.shaper_modes import Mode
-from relaxations.shaper_requests import Request
-from relaxations.shapers import Shaper, convolve
+from relaxations.shaping.humps import extra_insensitive
+from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.insensitive import specified
+from relaxations.shaping.kinds import make
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.requests import Request
+from relaxations.shaping.sensitivity import residual
+from relaxations.shaping.shapers import Shaper, convolve
 
 KINDS = {
     "zv": {},

@@ -17,7 +17,7 @@ from relaxations.commands import Command, Segment, Tail, TailTerm
 from relaxations.errors import ShaperError
 from relaxations.plants import LinearPlant
 from relaxations.response import response
-from relaxations.shapers import Shaper, ShaperTerm, convolve, shape
+from relaxations.shaping.shapers import Shaper, ShaperTerm, convolve, shape
 
 SHAPERS = known_shapers()
 STEP = Command(0.0, (), Tail(1.0))

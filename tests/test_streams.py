@@ -9,11 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from relaxations.errors import ShaperError
-from relaxations.impulses import derivative_shaper
-from relaxations.sampled_shapers import sampled
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import Shaper, ShaperTerm
-from relaxations.streams import Schedule, Stream, VaryingStream
+from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.sampled import sampled
+from relaxations.shaping.shapers import Shaper, ShaperTerm
+from relaxations.shaping.streams import Schedule, Stream, VaryingStream
 
 MODE = Mode(2 * math.pi, 0.05)
 

@@ -30,12 +30,12 @@ from box_tasks import (
     upper_of,
 )
 
-from relaxations import moved
 from relaxations.bounds import Bound, Status
-from relaxations.boxes import Axis, Family, Listed
 from relaxations.checking.claims import Outcome, check, claim
 from relaxations.errors import ManeuverError
 from relaxations.plants import LinearPlant
+from relaxations.robust import moved
+from relaxations.robust.boxes import Axis, Family, Listed
 from suite.design import design
 from suite.errors import StudyError
 from suite.loading import load_study

@@ -11,7 +11,7 @@ import pytest
 
 from relaxations.checking import worst
 from relaxations.checking.worst import worst_residual
-from relaxations.sensitivity import residual
+from relaxations.shaping.sensitivity import residual
 
 
 def exact(numbers) -> list[Fraction]:

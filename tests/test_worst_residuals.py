@@ -12,13 +12,13 @@ from box_tasks import SERVO, TOW, TWIN, axis, forged, left, residual
 
 from fmus.twins import twin_family
 from relaxations.bounds import Bound
-from relaxations.boxes import Axis, Box, Family
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.proofs import minimum_time
-from relaxations.worst_residuals import worst_residual
+from relaxations.robust.boxes import Axis, Box, Family
+from relaxations.robust.worst import worst_residual
 
 STIFFNESS = axis("stiffness", "3/10")
 

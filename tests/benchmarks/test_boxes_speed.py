@@ -10,13 +10,13 @@ import pytest
 from box_tasks import TWIN, axis
 
 from fmus.twins import twin_family
-from relaxations import moved
 from relaxations.bounds import Bound, Status
-from relaxations.boxes import Axis, Box
 from relaxations.checking.claims import check
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
+from relaxations.robust import moved
+from relaxations.robust.boxes import Axis, Box
 
 pytestmark = pytest.mark.benchmark
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from relaxations.checking.worst import worst_residual
-from relaxations.impulses import derivative_shaper
-from relaxations.insensitive import Band, specified
-from relaxations.shaper_modes import Mode
-from relaxations.streams import Stream
+from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.insensitive import Band, specified
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.streams import Stream
 
 pytestmark = pytest.mark.benchmark
 MODE = Mode(2 * math.pi, 0.05)

@@ -16,8 +16,8 @@ from relaxations.errors import ShaperError
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import Exact, LinearPlant, exact
 from relaxations.proofs import minimum_time
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import Shaper
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.shapers import Shaper
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
     y(t_n) = Σ_i A_i r(t_n - t_i),   t_n = nh,   r linear between samples and `rest` before the first
 
-A shaper whose instants are multiples of the sample time (relaxations.sampled_shapers) is applied exactly; of others each impulse becomes
+A shaper whose instants are multiples of the sample time (relaxations.shaping.sampled) is applied exactly; of others each impulse becomes
 two neighbouring ones, which keeps its sum and its centre and changes its phasor by the order of (ωh)²/8 of it.
 A varying shaper reads A_i and t_i from a schedule at t_n: they and r are continuous, and so is the output.
 """
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from relaxations.errors import ShaperError
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import Shaper
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.shapers import Shaper
 
 Reals = NDArray[np.float64]
 

@@ -22,9 +22,9 @@ from relaxations.checking.deflections import Deflection, largest_deflection
 from relaxations.checking.sampled_deflections import Asked, Left, Strayed, none_on_samples
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.plants import exact
-from relaxations.sensitivity import step_response
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import Shaper
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.sensitivity import step_response
+from relaxations.shaping.shapers import Shaper
 
 Reals = NDArray[np.float64]
 

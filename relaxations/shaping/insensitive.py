@@ -2,7 +2,7 @@
 
 On a grid of instants and of frequencies the least excess over the tolerances is a second-order cone program; the duration is the root of
 that excess. Where the residual between frequencies, or the multipliers' function between instants, shows that a point is missing, it is
-added (an exchange in both directions); Newton's method then gives exact instants (relaxations.shaper_polishing).
+added (an exchange in both directions); Newton's method then gives exact instants (relaxations.shaping.polishing).
 
     F_i(A) = Σ A_k z_i(t_k),   z_i(t) = ((t - T)/τ)^j e^{κ_i ω_i (t - T)},   |F_i| ≤ V_i
 
@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from relaxations import programs
 from relaxations.checking.durations import Condition, none_as_short
 from relaxations.errors import ShaperError, SolverError
-from relaxations.impulses import derivative_shaper
-from relaxations.sensitivity import residual
-from relaxations.shaper_modes import Mode
-from relaxations.shaper_polishing import FAINT, Demand, Extremal, polished, rows, vanishing
-from relaxations.shapers import Shaper
+from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.polishing import FAINT, Demand, Extremal, polished, rows, vanishing
+from relaxations.shaping.sensitivity import residual
+from relaxations.shaping.shapers import Shaper
 
 Reals = NDArray[np.float64]
 

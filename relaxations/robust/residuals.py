@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from relaxations.alignment import aligned, course, sharpened, tops
-from relaxations.boxes import Place, at
 from relaxations.errors import ManeuverError
 from relaxations.moments import Basis
 from relaxations.plants import LinearPlant
+from relaxations.robust.alignment import aligned, course, sharpened, tops
+from relaxations.robust.boxes import Place, at
 
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

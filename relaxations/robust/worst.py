@@ -17,8 +17,8 @@ from relaxations.commands import Command
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Problem, problem
 from relaxations.repair import pivots
-from relaxations.residuals import Sample
-from relaxations.robust import worst_places
+from relaxations.robust.residuals import Sample
+from relaxations.robust.search import worst_places
 from relaxations.sides import Side, accepted
 
 ABOVE = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)

@@ -19,9 +19,9 @@ from relaxations import programs
 from relaxations.checking.durations import none_on_samples
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.plants import exact
-from relaxations.shaper_modes import Mode
-from relaxations.shaper_polishing import Demand, rows, vanishing
-from relaxations.shapers import Shaper
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.polishing import Demand, rows, vanishing
+from relaxations.shaping.shapers import Shaper
 
 Reals = NDArray[np.float64]
 

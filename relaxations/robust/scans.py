@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.alignment import aligned, course, sharpened
-from relaxations.boxes import Family
+from relaxations.robust.alignment import aligned, course, sharpened
+from relaxations.robust.boxes import Family
 
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

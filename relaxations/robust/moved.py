@@ -14,10 +14,10 @@ from fractions import Fraction
 
 from flint import arb, fmpq_poly
 
-from relaxations.boxes import Axis, Family, Polynomial
 from relaxations.digits import roots_near
 from relaxations.errors import ManeuverError
 from relaxations.plants import ROOT_BITS, LinearPlant, Pole, fraction, precision
+from relaxations.robust.boxes import Axis, Family, Polynomial
 
 NAME = re.compile(r"(?P<root>(?P<kind>mode|zero)\[[1-9]\d{0,2}\])(?(kind)(?:\.(?P<what>frequency|damping))?)")
 PLAIN = 10**15  # a damping ratio that is this close to a fraction with a smaller denominator is meant to be it

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from relaxations import posing, programs
 from relaxations.bounds import Settings, exceeded, exponent_of, first_looks, grid_minimum, instants
-from relaxations.boxes import Box, Family, Listed, Place
 from relaxations.maneuvers import Problem, problem
 from relaxations.programs import GridSolution
 from relaxations.repair import Repaired
-from relaxations.residuals import PERIODS, Sample
-from relaxations.scans import Scan, Staircase
+from relaxations.robust.boxes import Box, Family, Listed, Place
+from relaxations.robust.residuals import PERIODS, Sample
+from relaxations.robust.scans import Scan, Staircase
 from relaxations.tails import Looks
 
 Reals = NDArray[np.float64]

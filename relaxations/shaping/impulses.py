@@ -10,10 +10,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.continuation import continued
 from relaxations.errors import ShaperError
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import Shaper
+from relaxations.shaping.continuation import continued
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.shapers import Shaper
 
 Reals = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from relaxations.commands import Command, Segment, Tail
 from relaxations.errors import ShaperError, SolverError
 from relaxations.maneuvers import Problem
 from relaxations.response import moments
-from relaxations.streams import Schedule
+from relaxations.shaping.streams import Schedule
 
 Reals = NDArray[np.float64]
 

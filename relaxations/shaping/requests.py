@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from relaxations.errors import ShaperError
-from relaxations.insensitive import Band
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import Shaper
+from relaxations.shaping.insensitive import Band
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.shapers import Shaper
 
 TOLERANCE, BAND = 0.05, (0.8, 1.2)  # unless a request says otherwise
 

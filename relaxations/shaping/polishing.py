@@ -1,6 +1,6 @@
 """From a grid to exact instants: Newton's method on the conditions of optimality of the shortest positive shaper.
 
-With `F_i = Σ A_k z_i(t_k)`, `p(t) = Re Σ y_i* z_i(t)` (relaxations.insensitive) the shortest shaper, or at a fixed duration the one of
+With `F_i = Σ A_k z_i(t_k)`, `p(t) = Re Σ y_i* z_i(t)` (`shaping.insensitive`) the shortest shaper, or at a fixed duration the one of
 least excess r over all tolerances, satisfies
 
     Σ A = 1,   F_i = (V_i + r) y_i/|y_i|,   p(t_k) = λ,   p'(t_k) = 0 inside,   Σ |y_i| = 1,   d|F_i|/dω = 0 inside a band

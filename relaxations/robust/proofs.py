@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from relaxations.bounds import NOT_PROVEN, Bound, Settings, Status, staircase
-from relaxations.boxes import Listed
 from relaxations.commands import Command, Tail
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.repair import SNAP, repair
-from relaxations.robust import Sampled, at_rest_at_once, keeps, minimum, within
+from relaxations.robust.boxes import Listed
+from relaxations.robust.search import Sampled, at_rest_at_once, keeps, minimum, within
 from relaxations.sides import Proof, concluded, instant_proof, landed, lower_side
 
 HELD = (2e-5, 6e-5, 3e-4)

@@ -14,8 +14,8 @@ from typing import Any
 
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
-from relaxations.boxes import Family, Polynomial
 from relaxations.plants import fraction
+from relaxations.robust.boxes import Family, Polynomial
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 A sequence of pulses u(t), 0 ≤ u ≤ a, of integral 1 that leaves modes at rest is a command from rest to rest of the plant
 `1/s ∏ ω²/(s² + 2ζωs + ω²)`, displacement 1: its fastest one is on-off, and `relaxations.proofs.minimum_time` finds and proves it. Pulses
 that begin at given intervals only need more time: their durations solve the same equations, on as few intervals as do
-(relaxations.pulse_intervals).
+(relaxations.shaping.pulse_intervals).
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from fractions import Fraction
 import numpy as np
 from flint import fmpq_poly
 
-from relaxations.bounded_shapers import plant_of
 from relaxations.bounds import Bound, Status
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant, exact, fraction
 from relaxations.proofs import minimum_time
-from relaxations.pulse_intervals import SHORTEST, Pulses, search
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import Pulse, Shaper
+from relaxations.shaping.bounded import plant_of
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.pulse_intervals import SHORTEST, Pulses, search
+from relaxations.shaping.shapers import Pulse, Shaper
 
 MORE, MOST = 12, 400  # intervals beyond the fewest that are tried, and intervals at all
 

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from relaxations import programs
 from relaxations.checking.durations import Condition, none_as_short
 from relaxations.errors import SolverError
-from relaxations.shaper_modes import Mode
-from relaxations.shaper_polishing import Demand, rows
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.polishing import Demand, rows
 
 Reals = NDArray[np.float64]
 

@@ -12,21 +12,21 @@ from functools import reduce
 
 import numpy as np
 
-from relaxations.bounded_shapers import bounded
 from relaxations.bounds import Status
 from relaxations.checking.worst import worst_residual
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
-from relaxations.humps import Humped, extra_insensitive, unity_magnitude
-from relaxations.impulses import derivative_shaper, mzv, negative_zv
-from relaxations.insensitive import specified
-from relaxations.least_durations import Remnant, least_duration
 from relaxations.plants import exact
-from relaxations.pulses import at_intervals, pulsed
-from relaxations.sampled_shapers import Sampled, sampled
-from relaxations.shaper_deflection import deflection_limited
-from relaxations.shaper_modes import Mode
-from relaxations.shaper_requests import Least, Made, Request
-from relaxations.shapers import Shaper, as_pulses, convolve
+from relaxations.shaping.bounded import bounded
+from relaxations.shaping.deflection import deflection_limited
+from relaxations.shaping.humps import Humped, extra_insensitive, unity_magnitude
+from relaxations.shaping.impulses import derivative_shaper, mzv, negative_zv
+from relaxations.shaping.insensitive import specified
+from relaxations.shaping.least_durations import Remnant, least_duration
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.pulses import at_intervals, pulsed
+from relaxations.shaping.requests import Least, Made, Request
+from relaxations.shaping.sampled import Sampled, sampled
+from relaxations.shaping.shapers import Shaper, as_pulses, convolve
 
 MOST_DERIVATIVES, MOST_CONDITIONS = (
     11,

@@ -13,19 +13,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from relaxations.bounded_shapers import plant_of
 from relaxations.bounds import Bound
-from relaxations.boxes import Axis, Box, Family, Polynomial
 from relaxations.checking.worst import worst_residual
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError, ShaperError
-from relaxations.insensitive import Band
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant, exact, fraction
 from relaxations.proofs import minimum_time
 from relaxations.response import jumps
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import Shaper, shape
+from relaxations.robust.boxes import Axis, Box, Family, Polynomial
+from relaxations.shaping.bounded import plant_of
+from relaxations.shaping.insensitive import Band
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.shapers import Shaper, shape
 
 ROUNDING = 1e-9  # of the distance between the limits
 

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares, linprog
 
 from relaxations.checking.pulse_widths import Halves, Vanishing, Weights, no_widths
 from relaxations.plants import exact
-from relaxations.shaper_modes import Mode
+from relaxations.shaping.modes import Mode
 
 Reals = NDArray[np.float64]
 

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import NDArray
 
-from relaxations.bounded_shapers import bounded
-from relaxations.continuation import continued
 from relaxations.errors import ShaperError, SolverError
-from relaxations.shaper_modes import Mode
-from relaxations.shapers import Shaper
+from relaxations.shaping.bounded import bounded
+from relaxations.shaping.continuation import continued
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.shapers import Shaper
 
 Reals = NDArray[np.float64]
 
