@@ -62,6 +62,7 @@ LIMITED: dict[str, Callable[[], Problem]] = {
     "started": lambda: _limited([1, 0, 1], "1/4", start=(5, 3)),
     "braked": lambda: _limited([1, "0.3", 4], "1/10", start=(2, -1)),
     "pulsed": lambda: _limited([1, 0, 0], "1", pulse_width=Fraction(11, 10)),
+    "slope": lambda: _limited([1, 0, 0], "1", rate=("-4", "4")),
     "speed": lambda: _limited([1, 0, 0], "1", speed="0.5"),
     "steps": lambda: _limited([1, 0, 0], "1", sample_time=Fraction(7, 100), speed="0.5", rate=("-4", "4")),
     "steps_from_a_start": lambda: _limited([1, "0.2", 1], "0.3", start=(0, 1), sample_time=Fraction(1, 5), speed="1.2", rate=("-3", "3")),
