@@ -10,7 +10,7 @@ Where that is violated no admissible command is as short as T. A budget of fuel 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ SAMPLES_PER_PERIOD = 64  # of each pole, as long as its motion lasts; between tw
 MOST_SAMPLES = 200_000  # of one pole
 MOST_STEPS = 120  # of the search for one root: halving alone takes about 60
 POINTS, BEYOND = 20_001, 1.02  # of the grid on which multipliers of courses are integrated, and how far it goes, in times of a guess
+MOST_CELLS = 200_000  # of a sample time: their integrals one by one
 LASTING = 50.0  # time constants after which (or, right of the axis, before which) a mode's share of the costate is rounding
 
 
@@ -252,7 +253,11 @@ def _sampled(problem: Problem, costate: Reals, near: float, price: float, prices
     """
     step = problem.maneuver.sample_time
     assert step is not None
-    edges, fuel = problem.samples(round(near / float(step)) + 2), float(prices.fuel)
+    count, fuel = round(near / float(step)) + 2, float(prices.fuel)
+    if count > MOST_CELLS:  # so many samples do hardly less than all inputs, whose bound is one of theirs too
+        free = replace(problem, maneuver=replace(problem.maneuver, sample_time=None))
+        return 0.0 if prices.steps or prices.pressed else lower_bound(free, costate, near, price, prices)
+    edges = problem.samples(count)
     table = problem.rows(edges, 1)
     pieces = costate @ np.diff(table, axis=1) - sum((press.over(edges) for press in prices.pressed), np.zeros(len(edges) - 1))
     q = np.zeros(len(edges))
