@@ -148,7 +148,8 @@ class Problem:
         """All target sets' `b(s)`, or its integrals from 0, stacked: shape (size, len(s))."""
         points = np.atleast_1d(np.asarray(s, dtype=float))
         if self.frame is None:
-            return np.vstack([np.zeros((0, len(points))), *(target.basis.rows(points, integrals) for target in self.sets)])
+            tables = [target.basis.rows(points, integrals) for target in self.sets]
+            return tables[0] if len(tables) == 1 else np.vstack([np.zeros((0, len(points))), *tables])
         rows, beyond = self.frame.rows(points, integrals), points > self.frame.horizon
         if beyond.any():  # with few digits only: to look over the edge
             rows[:, beyond] = self.frame.outside @ np.vstack([target.basis.rows(points[beyond], integrals) for target in self.sets])

@@ -78,6 +78,7 @@ def test_tighter_limits_take_no_less_time() -> None:
     assert all(later[0] > earlier[1] for earlier, later in pairwise(times))
 
 
+@pytest.mark.slow
 def test_fuel_and_speed_together_are_no_faster_than_either() -> None:
     # A cart with fuel U reaches the speed U/2 at most: a limit of the speed below makes the fuel plenty.
     both = sides(bound("rigid", "1", "1", output_rate="0.4"))

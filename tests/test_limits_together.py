@@ -68,6 +68,7 @@ def test_an_emergency_stop() -> None:
     assert holds(2 + 0.5 * 1, bound(CART, "2", ("0", "1"), deflection={"output_rate": "1"}))
 
 
+@pytest.mark.slow
 def test_a_swinging_load_must_not_swing_further() -> None:
     # y(0) = 2 and no further: it is at its limit at first, and the fastest stop keeps to it; towards the limit it must be held.
     free = bound(PENDULUM, "0", ("2", "0.5"))
