@@ -33,7 +33,7 @@ from suite.verdicts import Measured
 from suite.verification import Progress, verify
 
 PATIENCE = 60.0  # s; generous for a loaded machine
-SAMPLES = 41  # of a campaign that is not over before it is interrupted, however busy the machine
+SAMPLES = 31  # of a campaign that is not over before it is interrupted, however busy the machine
 
 
 def load(folder: Path, *more: str, **keys: Any) -> Study:

@@ -164,6 +164,7 @@ def test_tampered_certificates_are_never_believed() -> None:
     assert counts["elsewhere"] >= 5, counts
 
 
+@pytest.mark.slow
 def test_tampered_certificates_of_further_limits_are_never_believed() -> None:
     counts = judge(range(80), limited=True)
     assert all(counts[outcome.value] for outcome in Outcome), counts

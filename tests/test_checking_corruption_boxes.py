@@ -218,6 +218,7 @@ def judge(seeds: range) -> Counter[str]:
     return counts
 
 
+@pytest.mark.slow
 def test_tampered_certificates_are_never_believed() -> None:
     counts = judge(range(20))
     assert counts["proved"] >= 2, counts  # the lies are of every kind
@@ -230,6 +231,7 @@ def test_two_thousand_tampered_certificates_are_never_believed() -> None:
     print(judge(range(20, 2020)))
 
 
+@pytest.mark.slow
 def test_the_originals_are_true_and_their_lies_are_not() -> None:
     """The judge can tell: a side moved by 1e-3 of itself is called false."""
     for content in originals():

@@ -298,6 +298,7 @@ def test_file_names_that_are_no_text_do_not_matter(tmp_path: Path) -> None:
     assert process("review", strange / "out").returncode == 0
 
 
+@pytest.mark.slow
 def test_the_shipped_studies_are_right() -> None:
     for file in sorted(SHIPPED.glob("*.toml")):
         assert run("bound", file, "--json").exit_code == 0

@@ -48,6 +48,7 @@ def test_a_rigid_body_of_limited_speed_moves_in_a_trapezoid(low: str, high: str,
     assert upper >= time * (1 - 1e-14)
 
 
+@pytest.mark.slow
 def test_the_two_mass_spring_with_a_limited_spring() -> None:
     # 4.757 and 5.371 s from grids, both sides agreeing to the digits given.
     lower, upper = sides(bound("spring", "1", spring="0.3"))

@@ -136,6 +136,7 @@ def test_random_limits_against_another_program(seed: int) -> None:
     assert lower * (1 - 2e-3) <= time <= upper * (1 + 1e-2)
 
 
+@pytest.mark.slow
 def test_tighter_limits_take_no_less_time_together() -> None:
     speeds = [sides(bound(CART, "1", step="1/20", rate=RATE, deflection={"output_rate": v}), 0.1) for v in ("0.9", "0.7", "0.5")]
     rates = [sides(bound(CART, "1", step="1/20", rate=(f"-{r}", r), deflection={"output_rate": "0.7"}), 0.1) for r in ("20", "8", "4")]
@@ -145,6 +146,7 @@ def test_tighter_limits_take_no_less_time_together() -> None:
         assert times[0] != times[-1]
 
 
+@pytest.mark.slow
 def test_halved_sample_times_and_higher_rates_fall_towards_what_is_free_of_them() -> None:
     free = bound(CART, "1", deflection={"output_rate": "0.5"})
     halved = [sides(bound(CART, "1", step=f"1/{n}", rate=("-100", "100"), deflection={"output_rate": "0.5"}), 0.1) for n in (7, 14, 28)]
@@ -180,6 +182,7 @@ def tailed(plant: LinearPlant, displacement: str, start: Numbers = (), high: str
     return minimum_time(problem([plant], Maneuver(Fraction(displacement), Limits.of(low, high_, **limits), tail=True, initial=begin)))
 
 
+@pytest.mark.slow
 def test_a_tail_of_limited_slope() -> None:
     free = tailed(ZERO, "1")
     assert free.upper is not None
