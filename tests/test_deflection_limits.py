@@ -88,6 +88,7 @@ def test_fuel_and_speed_together_are_no_faster_than_either() -> None:
     assert other[0] <= 2 / 0.6 + 0.3 <= other[1] * (1 + 1e-12)
 
 
+@pytest.mark.slow
 def test_the_command_of_the_bracket_respects_the_limit_in_between_too() -> None:
     found = bound("spring", "1", spring="0.3")
     assert found.command is not None

@@ -98,6 +98,7 @@ def test_instants_on_a_sample_grid_leave_nothing(kind: str, step: float):
     assert found["duration"] >= 0.5  # half a period of the slower mode, which ZV needs at least
 
 
+@pytest.mark.slow
 def test_many_derivatives_are_made_at_once_and_nothing_is_claimed_of_them():
     found = record("zv-d:300", "--mode", "1Hz:0.05")
     assert found["least_duration"] is None
