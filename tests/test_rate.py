@@ -89,6 +89,7 @@ def test_lower_rates_take_no_less_time_and_high_ones_come_to_nothing() -> None:
     assert free.lower < times[0][0] < free.upper * 1.01
 
 
+@pytest.mark.slow
 def test_fuel_and_rate_together() -> None:
     found = bound("rigid", "1", ("-4", "4"), "1")
     assert found.status is Status.PROVED

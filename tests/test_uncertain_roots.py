@@ -69,6 +69,7 @@ def test_a_zero_is_moved_at_a_constant_static_gain():
     agree(tolerant("cart", ZERO, "1"), fastest(family, Axis("g", Fraction(1), Fraction(4, 5), Fraction(5, 4)), displacement="1"))
 
 
+@pytest.mark.slow
 def test_frequency_and_damping_together():
     """s² + 2 ζ f s + f², gain f²: two parameters in one coefficient."""
     f = {(2, 0): 1}

@@ -96,7 +96,7 @@ def test_without_a_residual_a_double_zero_is_a_simple_one() -> None:
     assert [term.power for term in none.command.tail.terms] == [0]
 
 
-@pytest.mark.parametrize("name", ["real", "pair", "double_pair"])
+@pytest.mark.parametrize("name", ["real", "pair", pytest.param("double_pair", marks=pytest.mark.slow)])
 def test_repair_respects_the_limit_too(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where nothing can be refined the grid's staircase is repaired, tail included, and both sides are proven by the checker."""
     of = posed(LinearPlant.from_zeros_poles(*ROOTS[name][:3]), {"zero[1]": ("0.1", "0.02")})
