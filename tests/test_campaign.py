@@ -295,7 +295,13 @@ def wait_for_logs(process: subprocess.Popen[str], folder: Path, count: int) -> N
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends signals")
-@pytest.mark.parametrize(("sent", "code"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)], ids=["kill", "ctrl-c"])
+@pytest.mark.parametrize(
+    ("sent", "code"),
+    [
+        pytest.param(signal.SIGKILL, -signal.SIGKILL, id="kill", marks=pytest.mark.slow),
+        pytest.param(signal.SIGINT, 130, id="ctrl-c"),
+    ],
+)
 def test_a_campaign_that_was_ended_goes_on(tmp_path: Path, made: Counting, sent: signal.Signals, code: int) -> None:
     file = small_study(tmp_path, KEEP_ALL, samples=SAMPLES)
     file.write_text(file.read_text().replace(f"observe = {OBSERVED}", "observe = 30.0\nstep = 0.01"))

@@ -286,6 +286,7 @@ def test_a_terminal_without_our_signs_gets_question_marks(tmp_path: Path) -> Non
     assert "verdict: PASS" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="file names are bytes on Linux")
 def test_file_names_that_are_no_text_do_not_matter(tmp_path: Path) -> None:
     strange = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff"))

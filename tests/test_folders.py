@@ -104,6 +104,7 @@ def test_evidence_may_be_replaced_from_within_and_by_its_own_study(tmp_path: Pat
     assert review(tmp_path / "out").status is ReviewStatus.CONFIRMED
 
 
+@pytest.mark.slow
 def test_a_link_is_followed_to_the_folder_and_its_target_stays(tmp_path: Path) -> None:
     verify(load_study(small_study(tmp_path, samples=0)), tmp_path / "out")
     (tmp_path / "link").symlink_to(tmp_path / "out")

@@ -287,6 +287,7 @@ def test_feed_through_is_no_mismatch(tmp_path: Path) -> None:
     assert row["quantities"]["model_mismatch"]["value"] < 1e-10
 
 
+@pytest.mark.slow
 def test_a_run_from_a_settled_operating_point(tmp_path: Path, pendulum: Path) -> None:
     """It starts there: the first sample is the rest value, and the linear plant of that point foretells the run."""
     (tmp_path / "p.fmu").write_bytes(pendulum.read_bytes())

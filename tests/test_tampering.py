@@ -202,6 +202,7 @@ def paths(value: Any, depth: int = 3) -> list[tuple[Any, ...]]:
     return found
 
 
+@pytest.mark.slow
 def test_results_of_any_shape_are_reviewed_without_a_traceback(verified: Path, tmp_path: Path) -> None:
     """On a folder with one log, for speed; whatever stands in results.json, the manifest is right."""
     folder = tmp_path / "small"

@@ -111,6 +111,7 @@ def test_known_values(found: tuple[dict[str, Any], Path]) -> None:
     assert left == {0: pytest.approx(0.139429, rel=1e-4), 1: pytest.approx(0.04633, rel=1e-4), 2: pytest.approx(0.012733, rel=1e-4)}
 
 
+@pytest.mark.slow
 def test_every_point_s_certificate_is_checked_and_says_what_the_point_says(found: tuple[dict[str, Any], Path]) -> None:
     record, folder = found
     points = [*record["tolerances"], *(point for point in record["widths"] if point["width"] != 1.0)]

@@ -75,6 +75,7 @@ def test_runs_on_the_grid_have_points_there_only_and_measured_errors(on_a_grid: 
     assert run("check", on_a_grid / "out").exit_code == 0
 
 
+@pytest.mark.slow
 def test_model_exchange_verifies_what_co_simulation_does(tmp_path: Path) -> None:
     values = {}
     for interface in ("co-simulation", "model-exchange"):
