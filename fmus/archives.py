@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import lzma
 import platform
 import re
 import stat
 import sys
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -17,6 +19,8 @@ from fmus.errors import ArchiveError, DescriptionError, PlatformError
 MAX_TOTAL = 2**30  # bytes unpacked: real FMUs with a solver and tables stay below some hundred MB
 MAX_DESCRIPTION = 2**26  # bytes of modelDescription.xml: 10⁵ variables are 20 to 50 MB, and while they are read 25 times that
 MAX_TWIN = 2**20  # bytes
+DAMAGED = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, NotImplementedError, EOFError)
+"""What reading a member of a damaged archive raises."""
 MAX_MEMBERS = 100_000
 MAX_RATIO = 200  # C sources and XML pack 5 to 20 times, tables of zeros up to 1000: only large archives are refused for it
 RATIO_FREE = 2**26  # bytes unpacked below which the ratio does not matter
@@ -87,7 +91,7 @@ class Fmu:
                     foreign = top == "binaries" and rest.split("/")[0] not in ("", *_folders(host_platform()))
                     if not foreign and top not in ("sources", "documentation"):
                         archive.extract(info, folder)
-        except (zipfile.BadZipFile, OSError) as problem:
+        except (*DAMAGED, OSError) as problem:
             raise ArchiveError(f"{self.path} cannot be unpacked: {problem}") from None
 
 
@@ -116,7 +120,7 @@ def open_archive(path: Path | str) -> Fmu:
             if TWIN in members and members[TWIN].file_size > MAX_TWIN:
                 raise ArchiveError(f"{path}: {TWIN} of {members[TWIN].file_size} bytes is too large")
             twin = archive.read(TWIN).decode() if TWIN in members else None
-    except (zipfile.BadZipFile, NotImplementedError, EOFError, UnicodeDecodeError) as problem:
+    except (*DAMAGED, UnicodeDecodeError) as problem:
         raise ArchiveError(f"{path} is no intact FMU (a zip file): {problem}") from None
     except OSError as problem:
         raise ArchiveError(f"{path} cannot be read: {problem.strerror or problem}") from None

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from fmus.archives import Fmu, host_platform, open_archive
+from fmus.archives import DAMAGED, Fmu, host_platform, open_archive
 from fmus.descriptions import Description
 from fmus.errors import ArchiveError, FmuError
 from fmus.terminals import TERMINALS, Terminal, read_terminals
@@ -51,7 +51,7 @@ def inspect(path: Path | str) -> Inspection:
                 if archive.getinfo(TERMINALS).file_size > LARGEST_TERMINALS:
                     raise ArchiveError(f"{fmu.path}: {TERMINALS} of {archive.getinfo(TERMINALS).file_size} bytes is too large")
                 terminals = read_terminals(archive.read(TERMINALS))
-    except (zipfile.BadZipFile, OSError) as problem:
+    except (*DAMAGED, OSError) as problem:
         raise ArchiveError(f"{fmu.path} cannot be read: {problem}") from None
     return Inspection(
         fmu=fmu,

@@ -230,3 +230,18 @@ def test_a_damaged_file_never_raises_anything_else(data: st.DataObject, original
     except FmuError:
         return
     assert fmu.description.model_name
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_damaged_contents_are_named_and_no_traceback(method: int, tmp_path: Path) -> None:
+    path = tmp_path / "damaged.fmu"
+    with zipfile.ZipFile(path, "w", method) as archive:
+        archive.writestr("modelDescription.xml", b"<fmiModelDescription/>" * 200)
+    with zipfile.ZipFile(path) as archive:
+        begin = archive.getinfo("modelDescription.xml").header_offset + 30 + len("modelDescription.xml")
+        size = archive.getinfo("modelDescription.xml").compress_size
+    intact = path.read_bytes()
+    for place in range(begin, begin + size):
+        path.write_bytes(intact[:place] + bytes([intact[place] ^ 0xFF]) + intact[place + 1 :])
+        with pytest.raises((ArchiveError, DescriptionError)):
+            open_archive(path)
