@@ -49,7 +49,7 @@ from relaxations.repair import SNAP, pivots, zoomed
 from relaxations.robust.proofs import robust_time
 from relaxations.robust.search import further, minimum
 from relaxations.sampling import sampled_bracket
-from relaxations.sides import RADII, Proof, Side, accepted, concluded, instant_proof, landed, lower_side, rounded
+from relaxations.sides import RADII, Proof, Side, accepted, closing, concluded, instant_proof, landed, lower_side, rounded
 from relaxations.thrusters import Pulsed, admissible, pulsed_commands
 from relaxations.varying import varying_time
 
@@ -65,9 +65,6 @@ CLOSEST, ZOOMS, ZOOMED = 1e-8, 4, (1e-9, 3e-9, 1e-8, 3e-8, 1e-7)
 """Gap above which that is tried on denser grids too; how often cells are cut where the command changes; how far beyond it may go then."""
 
 TRIED = 12  # commands of pulses, the shortest ones, whose proof is tried
-
-FINER = (1, 4, 16, 64)
-"""Factors of the grid's density, tried in turn while the gap is too wide."""
 
 REGULAR, GOOD, LIMITED, COURSED = 1e-12, 1e-7, 1e-6, 1e-5
 """Gaps at which the search ends: of a regular optimum; on finer grids; with a budget of fuel or a box; with limits on courses or slopes."""
@@ -103,38 +100,29 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
             without = replace(asked, sample_time=None, limits=replace(asked.limits, rate=None))
             free = minimum(replace(problem, rate=None, maneuver=without), chosen, guess=near)
             problem = replace(free.problem, rate=problem.rate, maneuver=replace(asked, box=free.problem.maneuver.box))
-    proof, found, count, trouble = Proof(), None, 0, None
     gridded = problem.maneuver.sample_time is not None
     if problem.courses or problem.rate is not None:
         chosen = replace(chosen.finer(4 if problem.sloped else 2), tolerance=max(chosen.tolerance, CLOSE))
     look = sampled_bracket if gridded else bracket
     if not gridded and problem.eased.bang_bang and not problem.bang_bang and (first := _at_ease(problem, task, chosen)) is not None:
         return replace(first, seconds=time.perf_counter() - begun)
-    for factor in FINER:
-        try:
-            looked = look(problem, chosen.finer(factor), found.upper if found else near)
-        except SolverError as problem_met:
-            trouble = problem_met
-            continue
-        count += looked.programs
-        found = looked if found is None or (found.switches is None and looked.switches is not None) else found
-        proof = proof.better(_prove(problem, task, looked, chosen.finer(factor)))
-        enough = REGULAR if problem.bang_bang else COURSED if problem.courses or problem.rate else LIMITED
+    gap = REGULAR if problem.bang_bang else COURSED if problem.courses or problem.rate else LIMITED
+
+    def enough(factor: int, proof: Proof) -> bool:
         late = factor > 1 and (problem.rate is not None or (bool(problem.courses) and proof.upper is None))  # finer grids gain little
-        if (
-            gridded
-            or late
-            or (proof.final and proof.lower)
-            or proof.gap <= enough
-            or looked.upper is None
-            or (factor > 1 and proof.gap <= GOOD)
-        ):
-            break
-    if found is None:
-        # Nothing is known then but that no time is less than 0.
-        nothing, seconds = np.zeros(problem.size), time.perf_counter() - begun
-        return Bound(Status.BRACKETED, 0.0, None, nothing, None, None, f"no bracket was found: {trouble}", count, seconds)
-    return concluded(task, proof, replace(found, programs=count), time.perf_counter() - begun)
+        done = proof.gap <= gap or (factor > 1 and proof.gap <= GOOD) or (proof.final and proof.lower is not None)
+        return gridded or late or done
+
+    return closing(
+        problem,
+        task,
+        chosen,
+        lambda finer, near: look(problem, finer, near),
+        lambda looked, finer: _prove(problem, task, looked, finer),
+        enough,
+        near,
+        begun,
+    )
 
 
 def _at_ease(problem: Problem, task: dict[str, Any], settings: Settings) -> Bound | None:

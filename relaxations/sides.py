@@ -5,6 +5,8 @@ A costate proposes a lower side, a program's solution, repaired, an upper one.
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -12,14 +14,18 @@ from typing import Any
 import numpy as np
 
 from relaxations import certificates, programs
-from relaxations.bounds import Bound, Status, extended, ramped
+from relaxations.bounds import Bound, Settings, Status, extended, ramped
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
 from relaxations.duality import Costate, lower_bound
+from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.refinement import Extremal
 from relaxations.repair import SNAP, Repaired, exact, repair
 from relaxations.sampling import MISSED
+
+FINER = (1, 4, 16, 64)
+"""Factors of the grid's density, tried in turn while the gap is too wide."""
 
 MARGINS = (2e-14, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5)
 """Relative distance of a lower claim from the floating-point bound: the closest one that the checker accepts is claimed."""
@@ -86,6 +92,40 @@ def concluded(task: dict[str, Any], proof: Proof, found: Bound, seconds: float) 
         seconds=seconds,
         certificate=content,
     )
+
+
+def closing(
+    problem: Problem,
+    task: dict[str, Any],
+    settings: Settings,
+    look: Callable[[Settings, float | None], Bound],
+    prove: Callable[[Bound, Settings], Proof],
+    enough: Callable[[int, Proof], bool],
+    near: float | None,
+    begun: float,
+) -> Bound:
+    """What is looked for and proven on finer and finer grids, until it is `enough` (factor of their density, proof) or no command is found.
+
+    `near` is a guess at the minimum time [s]. Where the numerics fail altogether the bracket is [0, –].
+    """
+    proof, found, count, trouble = Proof(), None, 0, None
+    for factor in FINER:
+        finer = settings.finer(factor)
+        try:
+            looked = look(finer, found.upper if found else near)
+        except SolverError as met:
+            trouble = met
+            continue
+        count += looked.programs
+        found = looked if found is None or (found.switches is None and looked.switches is not None) else found
+        proof = proof.better(prove(looked, finer))
+        if looked.upper is None or enough(factor, proof):
+            break
+    seconds = time.perf_counter() - begun
+    if found is None:
+        nothing = np.zeros(problem.size)
+        return Bound(Status.BRACKETED, 0.0, None, nothing, None, None, f"no bracket was found: {trouble}", count, seconds)
+    return concluded(task, proof, replace(found, programs=count), seconds)
 
 
 def rounded(exact: Fraction, towards: float) -> float:

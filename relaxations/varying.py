@@ -9,7 +9,6 @@ all shorter ones, as ever.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations import certificates, programs
-from relaxations.bounds import Bound, Settings, Status, bracket, contacts, cut, instants
+from relaxations.bounds import Bound, Settings, bracket, contacts, cut, instants
 from relaxations.commands import Command, Segment, Tail
 from relaxations.energy import LONGER, energy_time
 from relaxations.errors import ManeuverError, SolverError
@@ -30,7 +29,7 @@ from relaxations.polishing import Polished, polish
 from relaxations.prices import Prices
 from relaxations.refinement import Extremal, outline
 from relaxations.repair import pivots, repair
-from relaxations.sides import RADII, Proof, Side, accepted, concluded, lower_side, rounded
+from relaxations.sides import RADII, Proof, Side, accepted, closing, lower_side, rounded
 from relaxations.tails import TailSpace
 from relaxations.transitions import Transition, VaryingPlant
 
@@ -39,8 +38,7 @@ Reals = NDArray[np.float64]
 BEYOND = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
 
-FINER = (1, 4, 16)
-"""Factors of the grid's density, tried in turn while the gap is too wide."""
+FINEST = 16  # times the grid's density that are tried at most
 
 ENOUGH, GOOD = 1e-12, 1e-7
 """Gaps at which the search ends: of a regular optimum; on finer grids."""
@@ -99,28 +97,20 @@ def varying_problem(plant: VaryingPlant, maneuver: Maneuver) -> Problem:
 
 def varying_time(problem: Problem, task: dict[str, Any], settings: Settings, near: float | None, begun: float) -> Bound:
     """Bracket the least maneuver time and prove both sides where that is possible; `near` is a guess at it [s]."""
-    proof, found, count, trouble = Proof(), None, 0, None
     if problem.fuel is not None:
         with suppress(SolverError):
             free = bracket(problem.eased, settings, near or _guess(problem, settings))
             if free.command is not None and free.command.fuel(problem.rest) <= problem.fuel:  # enough: the proof is of the whole task
                 return varying_time(problem.eased, task, settings, free.upper, begun)
-    for factor in FINER:
-        try:
-            looked = bracket(problem, settings.finer(factor), (found.upper if found else near) or _guess(problem, settings))
-        except SolverError as met:
-            trouble = met
-            continue
-        count += looked.programs
-        found = looked if found is None or (found.switches is None and looked.switches is not None) else found
-        proof = proof.better(_prove(problem, task, looked, settings.finer(factor)))
-        if proof.gap <= ENOUGH or looked.upper is None or (factor > 1 and proof.gap <= GOOD):
-            break
-    if found is None:
-        nothing, seconds = np.zeros(problem.size), time.perf_counter() - begun
-        return Bound(Status.BRACKETED, 0.0, None, nothing, None, None, f"no bracket was found: {trouble}", count, seconds)
-    command = None if found.command is None else turned(found.command)
-    return concluded(task, proof, replace(found, programs=count, command=command), time.perf_counter() - begun)
+
+    def look(finer: Settings, near: float | None) -> Bound:
+        looked = bracket(problem, finer, near or _guess(problem, settings))
+        return replace(looked, command=None if looked.command is None else turned(looked.command))
+
+    def enough(factor: int, proof: Proof) -> bool:
+        return proof.gap <= ENOUGH or factor >= FINEST or (factor > 1 and proof.gap <= GOOD)
+
+    return closing(problem, task, settings, look, lambda looked, finer: _prove(problem, task, looked, finer), enough, near, begun)
 
 
 def _guess(problem: Problem, settings: Settings) -> float:

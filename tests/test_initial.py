@@ -9,18 +9,15 @@ import numpy as np
 import pytest
 from independent import StateSpace
 from problems import two_mass
+from proving import proven
 from scipy.linalg import expm
 from scipy.optimize import linprog
 
-from relaxations.bounds import Bound, Status
-from relaxations.checking.claims import Outcome, check
-from relaxations.commands import Command
 from relaxations.errors import ManeuverError
 from relaxations.initial import at_rest, from_output, from_state, moments, moved
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.moments import Basis
 from relaxations.plants import LinearPlant
-from relaxations.proofs import minimum_time
 from relaxations.response import response
 
 RIGID = LinearPlant.from_transfer([1], [1, 0, 0])
@@ -36,15 +33,6 @@ def posed(plant: LinearPlant, start: Numbers, displacement: Fraction | int = 0, 
     limits = Limits(Fraction(-1), Fraction(1), others.pop("fuel", None))  # type: ignore[arg-type]
     begin = from_output(plant, [Fraction(x) for x in start])
     return problem([plant], Maneuver(Fraction(displacement), limits, initial=begin, **others))  # type: ignore[arg-type]
-
-
-def proven(asked: object) -> tuple[Bound, Command]:
-    found = minimum_time(asked)  # type: ignore[arg-type]
-    assert found.status is Status.PROVED, found.reason
-    assert found.command is not None
-    assert found.certificate is not None
-    assert check(found.certificate).outcome is Outcome.PROVED
-    return found, found.command
 
 
 CASES = {

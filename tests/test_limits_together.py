@@ -7,6 +7,7 @@ from itertools import pairwise
 from math import sqrt
 from typing import Any
 
+import proving
 import pytest
 from box_tasks import TWIN, axis
 from forgery import changed
@@ -38,12 +39,7 @@ def bound(plant: LinearPlant, displacement: str, start: Numbers = (), step: str 
 
 
 def sides(found: Bound, gap: float = SLOPED) -> tuple[float, float]:
-    assert found.status is Status.PROVED, found.reason
-    assert found.certificate is not None
-    assert found.upper is not None
-    assert check(found.certificate).outcome is Outcome.PROVED
-    assert found.upper - found.lower <= gap * found.lower
-    return found.lower, found.upper
+    return proving.sides(found, gap)
 
 
 def holds(time: float, found: Bound) -> bool:

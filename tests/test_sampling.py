@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from forgery import forged
 from independent import StateSpace, reachable_fraction
+from proving import proven
 
 from relaxations import sampling
-from relaxations.bounds import Bound, Status
+from relaxations.bounds import Status
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError
@@ -39,16 +40,6 @@ def posed(
     limits = Limits(Fraction(-1), Fraction(1))
     sample_time = None if step is None else Fraction(step)
     return problem([plant], Maneuver(Fraction(displacement), limits, robustness=robustness, tail=tail, sample_time=sample_time))
-
-
-def proven(asked: Problem) -> tuple[Bound, Command]:
-    """The bracket, both sides of which the checker has accepted."""
-    found = minimum_time(asked)
-    assert found.status is Status.PROVED, found.reason
-    assert found.certificate is not None
-    assert found.command is not None
-    assert check(found.certificate).outcome is Outcome.PROVED
-    return found, found.command
 
 
 def check_within(command: Command, step: float) -> None:

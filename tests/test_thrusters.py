@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from proving import proven
 from study_texts import mistakes, read
 
-from relaxations.bounds import Bound, Status
+from relaxations.bounds import Status
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
 from relaxations.errors import ManeuverError
@@ -31,15 +32,6 @@ PENDULUM = LinearPlant.from_transfer([1], [1, 0, 1])
 def posed(plant: LinearPlant, width: str | None, pulses: int | None = None, **others: object):
     limits = Limits(Fraction(-1), Fraction(1), others.pop("fuel", None), None if width is None else Fraction(width), pulses)  # type: ignore[arg-type]
     return problem([plant], Maneuver(others.pop("displacement", Fraction(1)), limits, **others))  # type: ignore[arg-type]
-
-
-def proven(asked: object) -> tuple[Bound, Command]:
-    found = minimum_time(asked)  # type: ignore[arg-type]
-    assert found.status is Status.PROVED, found.reason
-    assert found.command is not None
-    assert found.certificate is not None
-    assert check(found.certificate).outcome is Outcome.PROVED
-    return found, found.command
 
 
 def pulses(command: Command) -> list[float]:

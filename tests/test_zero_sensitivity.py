@@ -14,7 +14,7 @@ import pytest
 from forgery import opened
 from independent import StateSpace
 
-from relaxations import bounds, proofs
+from relaxations import bounds, proofs, sides
 from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError
@@ -103,7 +103,7 @@ def test_repair_respects_the_limit_too(name: str, monkeypatch: pytest.MonkeyPatc
     regular = proved(of)
     monkeypatch.setattr(bounds, "refine", lambda *_: Failure("not today"))
     monkeypatch.setattr(proofs, "polish", lambda *_: None)
-    monkeypatch.setattr(proofs, "FINER", (1, 4))
+    monkeypatch.setattr(sides, "FINER", (1, 4))
     found = minimum_time(of)
     assert found.status is Status.PROVED, found.reason
     assert found.switches is None

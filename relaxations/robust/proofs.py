@@ -15,15 +15,12 @@ from relaxations.maneuvers import Problem
 from relaxations.repair import SNAP, repair
 from relaxations.robust.boxes import Listed
 from relaxations.robust.search import Sampled, at_rest_at_once, keeps, minimum, within
-from relaxations.sides import Proof, concluded, instant_proof, landed, lower_side
+from relaxations.sides import FINER, Proof, concluded, instant_proof, landed, lower_side
 
 HELD = (2e-5, 6e-5, 3e-4)
 """How far beyond it a command may go that is to hold in a whole box."""
 
 SNAPS = (1e-4, 1e-5, 1e-6)
-
-FINER = (1, 4, 16, 64)
-"""Factors of the grid's density, tried in turn while the gap is too wide."""
 
 ROBUST = 1e-4
 """The gap that ends it."""

@@ -9,8 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
+from relaxations.errors import ShaperError
+
 Reals = NDArray[np.float64]
 
+LONGEST = 10_000.0  # periods: the grid of relative frequencies then has five million points and more
 FARTHEST = 10.0  # relative frequency at which the search for the interval's upper end stops
 
 
@@ -31,7 +34,10 @@ def _crossing(excess: Callable[[float], float], inside: float, outside: float) -
 
 
 def insensitivity(times: ArrayLike, amplitudes: ArrayLike, frequency: float, damping: float, level: float, order: int = 0) -> float:
-    """Width of the connected interval of relative frequency around 1 in which `residual` is at most `level`; 0 if it is more at 1."""
+    """Width of the connected interval of relative frequency around 1 in which `residual` is at most `level`; 0 if it is more at 1.
+
+    Raises `ShaperError` for a sequence of more than `LONGEST` periods.
+    """
     duration = float(np.ptp(np.asarray(times, dtype=float)))
 
     def excess(relative: float) -> float:
@@ -40,7 +46,10 @@ def insensitivity(times: ArrayLike, amplitudes: ArrayLike, frequency: float, dam
     if excess(1.0) > 1e-12 * level:  # some shapers reach the level exactly at 1
         return 0.0
     # The curve's finest feature has a width of about one over the number of periods that the sequence lasts.
-    stride = min(0.005, 0.02 / max(duration * frequency / (2 * np.pi), 1e-3))
+    periods = duration * frequency / (2 * np.pi)
+    if periods > LONGEST:
+        raise ShaperError(f"the sequence lasts {periods:.6g} periods of the mode; its sensitivity is looked at up to {LONGEST:.6g}")
+    stride = min(0.005, 0.02 / max(periods, 1e-3))
 
     def edge(end: float) -> float:
         end = max(end, 1e-9)  # at a frequency of 0 the edges of pulses are 0/0
