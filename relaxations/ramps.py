@@ -98,7 +98,8 @@ def priced(instants: Reals, values: Reals, rate: tuple[float, float], fuel: floa
             ramp = Ramp((edge, *(x for x in ramp.edges[1:] if x > edge)), ramp.levels[-sum(x > edge for x in ramp.edges[1:]) :])
             if len(ramp.edges) < 2:
                 continue
-        if kept and ramp.edges[0] - kept[-1].edges[-1] <= MEETING * float(widths.max()) and ramp.edges[-1] > ramp.edges[0]:
+        whole = bool(kept) and kept[-1].edges[0] == 0.0 and ramp.edges[-1] > horizon  # of such a one only the middle says where q is 0
+        if kept and not whole and ramp.edges[0] - kept[-1].edges[-1] <= MEETING * float(widths.max()) and ramp.edges[-1] > ramp.edges[0]:
             # Where the slope turns from one limit to the other within the limits of the input, q goes through 0, wherever that is.
             first = kept.pop()
             ramp = Ramp((*first.edges, *ramp.edges[1:]), (*first.levels, *ramp.levels))
