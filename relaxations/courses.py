@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from flint import fmpq
@@ -22,6 +22,7 @@ from relaxations.commands import Command
 from relaxations.errors import ManeuverError
 from relaxations.moments import Basis
 from relaxations.plants import LinearPlant, Pole, fraction
+from relaxations.robust.boxes import at
 
 if TYPE_CHECKING:
     from relaxations.maneuvers import Maneuver
@@ -31,6 +32,7 @@ Reals = NDArray[np.float64]
 MOST_SHORT = 8  # cells of a block at least
 AGAIN = 400  # points at which a command that was found without these limits is looked at
 FINE = 4  # points of each cell at which a course is looked at
+TOGETHER = 1e-3  # of the smallest cell: instants so close together are priced as one
 PRICED = 1e-9  # of the largest multiplier of a course: smaller ones are what an interior-point method leaves anywhere
 MISSED = 1e-9  # relative excess that calls for another instant
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)  # of a multiplier that is spread over a cell
@@ -40,7 +42,8 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)  # of a multiplier that is s
 class Course:
     """The output `name` may deviate from its first rest value by `limit` (output units); after the move it rests at `final`, a deviation.
 
-    `weights` (n,) of the moments over all poles of the plant; these are `begin` (n,) at first, nothing at rest.
+    `weights` (n,) of the moments over all poles of the plant; these are `begin` (n,) at first, nothing at rest. `place` is that of a plant
+    in a box.
     """
 
     name: str
@@ -49,12 +52,16 @@ class Course:
     limit: float
     final: float
     begin: Reals
+    place: tuple[Fraction, ...] | None = None
 
     @staticmethod
-    def of(plant: LinearPlant, name: str, limit: float, final: float, begin: Reals | None = None) -> Course:
+    def of(
+        plant: LinearPlant, name: str, limit: float, final: float, begin: Reals | None = None, place: tuple[Fraction, ...] | None = None
+    ) -> Course:
         """Of a plant's output without feed-through."""
         basis = Basis(plant.poles)
-        return Course(name, basis, basis.weights(plant.partial(name)), limit, final, np.zeros(basis.size) if begin is None else begin)
+        weights, begin = basis.weights(plant.partial(name)), np.zeros(basis.size) if begin is None else begin
+        return Course(name, basis, weights, limit, final, begin, place)
 
     def free(self, times: Reals) -> Reals:
         """The output without an input, at times [s]; nothing before the move."""
@@ -188,6 +195,15 @@ def _reached(basis: Basis, nodes: Reals, times: Reals, ramps: bool) -> Reals:
     return values
 
 
+def _joined(to_go: Reals, weights: Reals, near: float) -> tuple[Reals, Reals]:
+    """Multipliers at ascending times to go, those of times nearly the same as one."""
+    if not len(to_go):
+        return to_go, weights
+    first = np.flatnonzero(np.diff(to_go, prepend=-np.inf) > near)
+    sizes = np.add.reduceat(np.abs(weights), first)
+    return np.add.reduceat(np.abs(weights) * to_go, first) / sizes, np.add.reduceat(weights, first)
+
+
 class _Entries:
     """The entries of a sparse matrix, block by block."""
 
@@ -205,31 +221,43 @@ class _Entries:
 
 
 def courses_of(plants: Sequence[LinearPlant], maneuver: Maneuver, begin: Reals | None = None) -> tuple[Course, ...]:
-    """The outputs whose deflection is limited, from moments `begin` on; raises `ManeuverError` for one that may not be."""
-    found = []
-    if maneuver.limits.deflection and maneuver.box is not None:
-        raise ManeuverError("deflection limits do not go with a box yet: valid are further zeros, 0, 1, 2 …")
-    for name, limit in maneuver.limits.deflection.items():
-        for plant in plants:
+    """The outputs whose deflection is limited, from moments `begin` on, of a box those of its samples, one sample after the other; raises
+    `ManeuverError` for one that may not be."""
+    found, box = [], maneuver.box
+    everywhere: list[tuple[tuple[Fraction, ...] | None, LinearPlant]] = [(None, plant) for plant in plants]
+    if box is not None and maneuver.limits.deflection:
+        everywhere = [(place, box.family.member(place)) for place in box.looked]
+    for place, plant in everywhere:
+        where = "" if box is None or place in (None, box.nominal) else f" in the plant {at(place)}"
+        for name, limit in maneuver.limits.deflection.items():
             if name not in plant.numerators:
-                raise ManeuverError(f"a deflection limit names {name!r}; the plant has {', '.join(sorted(plant.numerators))}")
+                others = ", ".join(sorted(plant.numerators))
+                if box is not None and name in plants[0].numerators:
+                    raise ManeuverError(f"where the zeros of {name!r} go in the box is not known: a deflection limit may name {others}")
+                raise ManeuverError(f"a deflection limit names {name!r}; the plant has {others}")
             if not limit > 0:
                 raise ManeuverError(f"the deflection of {name!r} may be more than 0, not {float(limit)!r}")
             numerator = plant.numerators[name]
-            if not numerator:
+            if not numerator and box is None:
                 continue  # the input does not reach it
             if numerator.degree() == plant.order:
                 raise ManeuverError(f"the output {name!r} has feed-through: it jumps with the input, whose limits are its own")
-            final = fraction(numerator(fmpq(0)) / plant.numerators[plant.output](fmpq(0))) * maneuver.displacement
+            final = fraction(numerator(fmpq(0)) / plant.denominator[plant.rigid_order]) * moved(plants[0], maneuver.displacement)
             if abs(final) > limit:
-                raise ManeuverError(f"at its final rest {name!r} deviates by {float(final):.10g}: no command stays within {float(limit)!r}")
+                why = f"no command stays within {float(limit)!r}"
+                raise ManeuverError(f"at its final rest{where} {name!r} deviates by {float(final):.10g}: {why}")
             first = sum((fraction(c) * x for c, x in zip(numerator.coeffs(), maneuver.initial or (), strict=False)), Fraction(0))
             if abs(first) > limit:
                 raise ManeuverError(
                     f"at first {name!r} deviates by {float(first):.10g}: that is beyond its limit, {float(limit)!r}, already"
                 )
-            found.append(Course.of(plant, name, float(limit), float(final), begin))
+            found.append(Course.of(plant, name, float(limit), float(final), begin, place))
     return tuple(found)
+
+
+def moved(plant: LinearPlant, displacement: Fraction) -> Fraction:
+    """What brings a plant to its target: the one moment at the origin that moves a body for good, or else the input that holds."""
+    return displacement * fraction(plant.denominator[plant.rigid_order] / plant.numerators[plant.output](fmpq(0)))
 
 
 def exceeded_places(courses: Sequence[Course], instants: Reals, levels: Reals, share: float, ramps: bool = False) -> Reals:
@@ -278,6 +306,7 @@ def presses(courses: Sequence[Course], places: Reals, multipliers: Reals, instan
         order = np.argsort(-places[own, 1])
         to_go, weights = horizon * (1.0 - places[own, 1][order]), multipliers[own][order]
         weights = weights / course.limit
+        to_go, weights = _joined(to_go, weights, TOGETHER * float(np.diff(instants).min()))
         cell = np.interp(horizon - to_go, (instants[1:] + instants[:-1]) / 2, np.diff(instants))
         gaps = np.diff(to_go)
         after = np.minimum(np.append(gaps, np.inf), cell) / 2
@@ -355,11 +384,12 @@ def sampled(bases: Sequence[Basis], costates: Sequence[Reals], pressed: Sequence
     for basis, costate in zip(bases, costates, strict=True):
         total.coefficients += total.chains(basis, costate)
     kicks: list[tuple[float, NDArray[np.complex128]]] = []
-    kernels: dict[str, NDArray[np.complex128]] = {}
+    kernels: dict[tuple[Any, str], NDArray[np.complex128]] = {}
     for press in pressed:
-        if press.course.name not in kernels:
-            kernels[press.course.name] = total.integrated(total.chains(press.course.basis, press.course.weights))
-        rate = press.weight / (press.end - press.begin) * kernels[press.course.name]
+        key = press.course.place, press.course.name
+        if key not in kernels:
+            kernels[key] = total.integrated(total.chains(press.course.basis, press.course.weights))
+        rate = press.weight / (press.end - press.begin) * kernels[key]
         kicks += [(press.begin, -rate), (press.end, rate)]
     kicks.sort(key=lambda kick: kick[0])
     values, at, origin = np.zeros(len(points)), 0, 0.0
