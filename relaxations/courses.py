@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +32,7 @@ Reals = NDArray[np.float64]
 MOST_SHORT = 8  # cells of a block at least
 AGAIN = 400  # points at which a command that was found without these limits is looked at
 FINE = 4  # points of each cell at which a course is looked at
-TOGETHER = 1e-3  # of the smallest cell: instants so close together are priced as one
+REACH = 2.5  # cells between two prices of a limit that holds all the while
 PRICED = 1e-9  # of the largest multiplier of a course: smaller ones are what an interior-point method leaves anywhere
 MISSED = 1e-9  # relative excess that calls for another instant
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)  # of a multiplier that is spread over a cell
@@ -195,11 +195,28 @@ def _reached(basis: Basis, nodes: Reals, times: Reals, ramps: bool) -> Reals:
     return values
 
 
-def _joined(to_go: Reals, weights: Reals, near: float) -> tuple[Reals, Reals]:
-    """Multipliers at ascending times to go, those of times nearly the same as one."""
+def smoothed(pressed: Sequence[Press]) -> tuple[Press, ...]:
+    """Prices of a limit that holds all the while, averaged over neighbours (1, 2, 1)/4: a grid's alternate from cell to cell where its
+    command can bring an output back to its limit only in every second one. Any prices are valid."""
+    found: list[Press] = []
+    runs: list[list[Press]] = []
+    for press in sorted(pressed, key=lambda one: (one.course.name, one.course.place or (), one.begin)):
+        before = runs[-1][-1] if runs else None
+        joined = before is not None and before.course is press.course and press.begin - before.end <= 1e-9 * press.end
+        runs[-1].append(press) if joined else runs.append([press])
+    for run in runs:
+        weights = np.array([press.weight for press in run])
+        around = np.concatenate([weights[:1], weights, weights[-1:]])
+        averaged = (around[:-2] + 2 * weights + around[2:]) / 4
+        found += [replace(press, weight=float(weight)) for press, weight in zip(run, averaged, strict=True)]
+    return tuple(found)
+
+
+def _joined(to_go: Reals, weights: Reals, cells: NDArray[np.intp]) -> tuple[Reals, Reals]:
+    """Multipliers at ascending times to go, those in one cell as one: a course that is on its limit for a while has its tops anywhere."""
     if not len(to_go):
         return to_go, weights
-    first = np.flatnonzero(np.diff(to_go, prepend=-np.inf) > near)
+    first = np.flatnonzero(np.diff(cells, prepend=-1))
     sizes = np.add.reduceat(np.abs(weights), first)
     return np.add.reduceat(np.abs(weights) * to_go, first) / sizes, np.add.reduceat(weights, first)
 
@@ -306,11 +323,10 @@ def presses(courses: Sequence[Course], places: Reals, multipliers: Reals, instan
         order = np.argsort(-places[own, 1])
         to_go, weights = horizon * (1.0 - places[own, 1][order]), multipliers[own][order]
         weights = weights / course.limit
-        to_go, weights = _joined(to_go, weights, TOGETHER * float(np.diff(instants).min()))
+        to_go, weights = _joined(to_go, weights, np.searchsorted(instants[:-1] + np.diff(instants) / 4, horizon - to_go))
         cell = np.interp(horizon - to_go, (instants[1:] + instants[:-1]) / 2, np.diff(instants))
         gaps = np.diff(to_go)
-        after = np.minimum(np.append(gaps, np.inf), cell) / 2
-        before = np.minimum(np.append(np.inf, gaps), cell) / 2
+        after, before = (np.where(gap <= REACH * cell, gap, cell) / 2 for gap in (np.append(gaps, np.inf), np.append(np.inf, gaps)))
         if not spread:
             before, after = 0.0 * before, 0.0 * after
         found += [
