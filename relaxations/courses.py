@@ -31,6 +31,7 @@ Reals = NDArray[np.float64]
 
 MOST_SHORT = 8  # cells of a block at least
 AGAIN = 400  # points at which a command that was found without these limits is looked at
+FEW = 4  # nodes of a box's nominal plant, one of so many
 FINE = 4  # points of each cell at which a course is looked at
 REACH = 2.5  # cells between two prices of a limit that holds all the while
 PRICED = 1e-9  # of the largest multiplier of a course: smaller ones are what an interior-point method leaves anywhere
@@ -134,16 +135,19 @@ def motion(courses: Sequence[Course], instants: Reals, extra: Reals, ramps: bool
     horizon, cells = float(instants[-1]), len(instants) - 1
     length = max(MOST_SHORT, round(cells**0.5 / 2))
     edges = [*range(0, cells, length), cells]
-    nodes = [(number, at / horizon) for number in range(len(courses)) for at in instants[1:]]
+    # Of a box the nominal plant, at some nodes; the others where they were beyond a limit.
+    active = [i for i, course in enumerate(courses) if course.place == courses[0].place or i in extra[:, 0]]
+    first = [i for i in active if courses[i].place == courses[0].place]
+    nodes = [(number, at / horizon) for number in first for at in (instants[1:] if courses[0].place is None else instants[FEW::FEW])]
     places = np.unique(np.concatenate([np.array(nodes), extra]), axis=0)
-    bases = list({course.basis: None for course in courses})
+    bases = list({courses[number].basis: None for number in active})
     bends, states, flow, past = (_Entries() for _ in range(4))
     begun, rows = 0, 0
     for basis in bases:
         n = basis.size
         table = np.abs(np.diff(basis.rows(horizon - instants, 1), axis=1)).sum(axis=1)
         unit = np.where(table > 0.0, table, 1.0)
-        own = [number for number, course in enumerate(courses) if course.basis == basis]
+        own = [number for number in active if courses[number].basis == basis]
         for block, (first, last) in enumerate(itertools.pairwise(edges)):
             at = np.arange(first, last + 1)
             mine = np.flatnonzero(np.isin(places[:, 0], own))

@@ -140,7 +140,15 @@ def moving(denominator: list[str], *parameters: tuple[str, str | None, str, str]
     """A robust task whose parameters move roots: name, nominal value, ends."""
     of = task(list(numerator), denominator, limits=("-5", "5"))
     written = [dict(zip(("name", "nominal", "low", "high"), p, strict=True)) for p in parameters]
-    box = {"parameters": written, "numerator": [], "denominator": [], "outputs": {}, "plants": [], "tolerance": "1.01", "final_tolerance": None}
+    box = {
+        "parameters": written,
+        "numerator": [],
+        "denominator": [],
+        "outputs": {},
+        "plants": [],
+        "tolerance": "1.01",
+        "final_tolerance": None,
+    }
     return {**of, "box": box}
 
 

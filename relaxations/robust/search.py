@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from relaxations import posing, programs
 from relaxations.bounds import NOISE, Settings, exceeded, exponent_of, first_looks, grid_minimum, instants
 from relaxations.courses import moved
+from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem, problem
 from relaxations.programs import GridSolution
 from relaxations.repair import Repaired
@@ -40,6 +41,7 @@ ROUGH = 1e-3  # of α, before the first places are sought
 TOLERANCE = 1e-7  # of α: closer to the root is closer than the grid
 SEEN = 1e-6  # of the tolerance: what a staircase stays below it
 ROUNDS = 60
+STALLS, BESIDE = 4, 1.0003  # how often the solver may give no answer, and how much longer a move is tried then
 NEARLY = 0.99  # of the tolerance: a local maximum of the grid so close to it is looked at more closely
 FEW = 200  # places: the plants of so many are not worth being kept
 TOPS = 12  # local maxima over the box that are looked at in one round, the worst ones
@@ -87,9 +89,17 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
     solution: GridSolution | None = None
     tolerance = max(settings.tolerance, TOLERANCE)
     last: GridSolution | None = None  # with the same conditions
+    stalls = 0
     for _ in range(ROUNDS):
         count += 1
-        solution = programs.solve(posing.build(posed, instants(posed, horizon, settings), looks))
+        try:
+            solution = programs.solve(posing.build(posed, instants(posed, horizon, settings), looks))
+        except SolverError:  # that stalls at one time seldom does so beside it
+            stalls += 1
+            if stalls > STALLS:
+                raise
+            horizon, looks = horizon * BESIDE, replace(looks, moving=np.zeros((0, 2)))  # and tops of courses are found again
+            continue
         if solution.fraction < 1.0:
             low, below = horizon, solution
         else:
