@@ -20,7 +20,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from fmus.accesses import Driven, Group, Number, Typed, cell, driven, grouped
+from fmus.accesses import BareRead, BareStep, Driven, Group, Number, Typed, cell, driven, grouped
 from fmus.errors import CallFailed, DescriptionError, FmuError
 from fmus.events import Discrete, Interruption, Steps
 
@@ -88,6 +88,10 @@ class Instance(ABC):
     @abstractmethod
     def stepper(self) -> Callable[[float, float], Interruption | None]:
         """A function (t, h) that steps from t to t + h [s]; None if that was all."""
+
+    @abstractmethod
+    def bare_step(self) -> BareStep:
+        """A step as a call of C; what comes of it is judged by `stepped`, unless it returns 0 and tells nothing."""
 
     @abstractmethod
     def stepped(self, status: int, t: float, h: float) -> Interruption | None:
@@ -209,6 +213,18 @@ class Instance(ABC):
 
         return copied
 
+    def bare_read(self, group: Group) -> BareRead:
+        """The call that reads a group of variables that are a row as they come."""
+        place, name = c_void_p(), f"Get{group.suffix}"
+        arguments = (
+            c_void_p(self._handle),
+            group.references,
+            c_size_t(len(group.references)),
+            place,
+            *map(c_size_t, self._count(group.size)),
+        )
+        return BareRead(self.prefix + name, self.bare(name), arguments, place)
+
     def settle(self) -> Discrete:
         """Iterate an event until nothing changes any more; what changed on the way is kept."""
         total = Discrete()
@@ -289,6 +305,11 @@ class Instance(ABC):
             found.argtypes = [_LETTERS[letter] for letter in self._signature(name)]
             self._functions[full] = found
         return found
+
+    def bare(self, name: str) -> Callable[..., int]:
+        """The C function as it is, to be called with C values only: nothing is checked or converted."""
+        self.function(name)  # which says so if there is none
+        return self._library[self.prefix + name]
 
     def received(self, status: int, message: bytes | None) -> None:
         """Pass on a log message of the FMU."""
