@@ -7,13 +7,18 @@ from collections.abc import Mapping
 from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fmus.errors import FmuError
 from relaxations.errors import PlantError
 from relaxations.transitions import VaryingPlant
+from suite.linearised import linearised
 from suite.study import FmuPlant, Plant, StateSpacePlant, Study
+
+if TYPE_CHECKING:
+    from fmus.linearization import Linearization
 
 Value = Fraction | Decimal | float
 
@@ -52,27 +57,14 @@ def study_plant(study: Study, parameters: Mapping[str, Value] | None = None) -> 
 
 
 def _along(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value], instants: tuple[Decimal, ...]) -> VaryingPlant:
-    from fmus.linearization import Linearization, linearize  # here, because it brings along what runs FMUs
-    from fmus.workers import Worker
+    from fmus.workers import Worker  # here, because it brings along what runs FMUs
 
     name = fmu.archive.path.name
     found: list[Linearization] = []
     try:
         with Worker() as worker:
             for instant in instants:
-                one = linearize(
-                    fmu.archive,
-                    plant.input,
-                    plant.output,
-                    {key: float(x) for key, x in parameters.items()},
-                    initial_state={key: float(x) for key, x in fmu.initial_state.items()},
-                    initial_input=float(plant.initial_input),
-                    settle=fmu.settle + float(instant),
-                    step=fmu.step,
-                    method=fmu.method,
-                    probe=fmu.identification,
-                    worker=worker,
-                )
+                one = linearised(fmu, plant, parameters, after=float(instant), step=fmu.step, worker=worker)
                 if one.identification is not None:
                     raise PlantError(f"{name} shows no states: it can be identified at one instant, not followed along its motion")
                 if found and one.states != found[0].states:
