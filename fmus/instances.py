@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-import os
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -23,6 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from fmus.accesses import BareRead, BareStep, Driven, Group, Number, Typed, cell, driven, grouped
 from fmus.errors import CallFailed, DescriptionError, FmuError
 from fmus.events import Discrete, Interruption, Steps
+from fmus.loaded import loaded
 
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription, ModelVariable
@@ -370,23 +370,6 @@ def _names(names: tuple[str, ...]) -> ctypes.Array[c_char_p]:
 
 
 _LETTERS = dict(v=c_void_p, s=c_char_p, d=c_double, i=c_int, b=c_bool, z=c_size_t, r=POINTER(c_uint))  # noqa: C408 - reads as a table
-
-
-@cache
-def loaded(library: Path) -> tuple[ctypes.CDLL, dict[str, Callable[..., int]], dict[str, int]]:
-    """A shared library, which stays loaded, its functions with their prototypes and addresses, as far as they have been asked for."""
-    return load(library), {}, {}
-
-
-def load(library: Path) -> ctypes.CDLL:
-    """Load a shared library; `FmuError` says what the system's loader says."""
-    try:
-        if sys.platform == "win32":
-            os.add_dll_directory(str(library.parent))
-        return ctypes.CDLL(str(library))
-    except OSError as problem:
-        words = str(problem).replace(str(library), library.name)  # its folder is another one in every run
-        raise FmuError(f"the FMU's binary cannot be loaded: {words}") from None
 
 
 _formatted: dict[str, object] = {}
