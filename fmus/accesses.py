@@ -98,3 +98,9 @@ def _group(variables: Sequence[Typed], kind: str, columns: list[int], type_of: T
 def cell(ctype: Number, value: float) -> float:
     """The value as a variable of that type takes it."""
     return value if ctype is c_double or ctype is ctypes.c_float else round(value)
+
+
+@lru_cache(maxsize=16)
+def texts(words: tuple[str, ...]) -> ctypes.Array[ctypes.c_char_p]:
+    """The words as C has them."""
+    return (ctypes.c_char_p * len(words))(*(word.encode() for word in words))

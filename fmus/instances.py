@@ -15,11 +15,11 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from ctypes import POINTER, byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from fmus.accesses import BareRead, BareStep, Driven, Group, Number, Typed, cell, driven, grouped
+from fmus.accesses import BareRead, BareStep, Driven, Group, Number, Typed, cell, driven, grouped, texts
 from fmus.errors import CallFailed, DescriptionError, FmuError
 from fmus.events import Discrete, Interruption, Steps
 from fmus.loaded import loaded
@@ -115,7 +115,7 @@ class Instance(ABC):
 
     def log_trouble(self, categories: Sequence[str]) -> None:
         """Ask for messages of those categories that explain a status; without this many FMUs stay silent."""
-        if wanted := _names(tuple(name for name in categories if name.startswith("logStatus"))):
+        if wanted := texts(tuple(name for name in categories if name.startswith("logStatus"))):
             self.function("SetDebugLogging")(self._handle, True, len(wanted), wanted)  # an FMU that cannot is no failure
 
     def exit_initialization(self) -> None:
@@ -362,11 +362,6 @@ class Instance(ABC):
             detail = f": {self._last_message}" if self._last_message else ""
             raise FmuError(f"the FMU refused to be instantiated{detail}")
         self._handle = handle
-
-
-@lru_cache(maxsize=16)
-def _names(names: tuple[str, ...]) -> ctypes.Array[c_char_p]:
-    return (c_char_p * len(names))(*(name.encode() for name in names))
 
 
 _LETTERS = dict(v=c_void_p, s=c_char_p, d=c_double, i=c_int, b=c_bool, z=c_size_t, r=POINTER(c_uint))  # noqa: C408 - reads as a table
