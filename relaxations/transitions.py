@@ -17,7 +17,7 @@ floats here.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -42,7 +42,8 @@ POINTS = 16  # of a step at which a costate is looked at
 class VaryingPlant:
     """`x' = A(t) x + B(t) u`, `y = C(t) x + D(t) u`, in deviations from rest, exact: one matrix each for every instant [s], the first 0.
 
-    Between two instants they are linear in t, after the last constant. `output` names y.
+    Between two instants they are linear in t, after the last constant. `output` names y, `outputs` are rows c(t) of other ones. `kept` are
+    the states as written that the input moves at some time.
     """
 
     instants: tuple[Fraction, ...]
@@ -52,6 +53,8 @@ class VaryingPlant:
     D: tuple[Fraction, ...]
     output: str = "output"
     notes: tuple[str, ...] = field(default=())
+    outputs: Mapping[str, tuple[Row, ...]] = field(default_factory=dict)
+    kept: tuple[int, ...] = ()
 
     @staticmethod
     def of(
@@ -61,6 +64,7 @@ class VaryingPlant:
         C: Sequence[Sequence[Exact]],
         D: Sequence[Exact] | None = None,
         output: str = "output",
+        outputs: Mapping[str, Sequence[Sequence[Exact]]] | None = None,
     ) -> VaryingPlant:
         """From numbers as written. States that the input moves at no time are dropped, as they stay at rest (see `notes`).
 
@@ -80,6 +84,9 @@ class VaryingPlant:
         kept = sorted(reached)
         if not kept:
             raise PlantError("the input moves no state")
+        for name, rows in (outputs or {}).items():
+            if len(rows) != len(times) or any(len(row) != n for row in rows):
+                raise PlantError(f"the output {name!r} has a row of {n} numbers for each of {len(times)} instants")
         notes = () if len(kept) == n else (f"{n - len(kept)} of {n} states are not moved by the input at any time and were dropped",)
         return VaryingPlant(
             times,
@@ -89,12 +96,21 @@ class VaryingPlant:
             tuple(through),
             output,
             notes,
+            {name: tuple(tuple(exact(c[i]) for i in kept) for c in rows) for name, rows in (outputs or {}).items()},
+            tuple(kept),
         )
 
     @property
     def order(self) -> int:
         """Number of states."""
         return len(self.B[0])
+
+    def begun(self, state: Sequence[Exact]) -> Row:
+        """The states that the input moves, of a deviation from rest of all states as written; raises `PlantError`."""
+        numbers = [exact(x) for x in state]
+        if len(numbers) <= max(self.kept) or any(x for i, x in enumerate(numbers) if i not in self.kept):
+            raise PlantError("the plant begins with states away from rest that its input moves at no time: no command brings them to rest")
+        return tuple(numbers[i] for i in self.kept)
 
     @cached_property
     def final(self) -> LinearPlant:
