@@ -87,8 +87,7 @@ def task(problem: Problem) -> dict[str, Any]:
 def _schedule(plant: VaryingPlant, limited: Sequence[str]) -> dict[str, Any]:
     rows = {name: [[text(x) for x in row] for row in which] for name, which in (("B", plant.B), ("C", plant.C))}
     A = [[[text(x) for x in row] for row in matrix] for matrix in plant.A]
-    known = {plant.output: plant.C, **plant.outputs}
-    outputs = {name: [[text(x) for x in row] for row in known[name]] for name in limited}
+    outputs = {name: [[text(x) for x in row] for row in plant.rows[name]] for name in limited}
     return {"instants": [text(t) for t in plant.instants], "A": A, **rows, "D": [text(d) for d in plant.D], "outputs": outputs}
 
 

@@ -235,7 +235,7 @@ def _varying(problem: Problem, costate: Reals, near: float, price: float, prices
         edges = problem.samples(round(near / float(step)) + 2)
         points = edges
     else:
-        edges = np.linspace(0.0, BEYOND * near, POINTS // 4)
+        edges = np.linspace(0.0, BEYOND * near, POINTS // 4 if prices.pressed else POINTS)
         points = np.sort(np.concatenate([edges, (edges[1:] + edges[:-1]) / 2]))
     away = problem.target
     if prices.pressed:

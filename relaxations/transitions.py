@@ -43,7 +43,7 @@ class VaryingPlant:
     """`x' = A(t) x + B(t) u`, `y = C(t) x + D(t) u`, in deviations from rest, exact: one matrix each for every instant [s], the first 0.
 
     Between two instants they are linear in t, after the last constant. `output` names y, `outputs` are rows c(t) of other ones. `kept` are
-    the states as written that the input moves at some time.
+    the states as written, `states` by name, that the input moves at some time.
     """
 
     instants: tuple[Fraction, ...]
@@ -55,6 +55,7 @@ class VaryingPlant:
     notes: tuple[str, ...] = field(default=())
     outputs: Mapping[str, tuple[Row, ...]] = field(default_factory=dict)
     kept: tuple[int, ...] = ()
+    states: tuple[str, ...] = ()
 
     @staticmethod
     def of(
@@ -65,8 +66,11 @@ class VaryingPlant:
         D: Sequence[Exact] | None = None,
         output: str = "output",
         outputs: Mapping[str, Sequence[Sequence[Exact]]] | None = None,
+        states: Sequence[str] = (),
     ) -> VaryingPlant:
-        """From numbers as written. States that the input moves at no time are dropped, as they stay at rest (see `notes`).
+        """From numbers as written; without `states` these are x[1], x[2] …
+
+        States that the input moves at no time are dropped, as they stay at rest (see `notes`).
 
         Raises `PlantError` if instants do not ascend from 0, sizes differ, or the input moves nothing.
         """
@@ -98,6 +102,7 @@ class VaryingPlant:
             notes,
             {name: tuple(tuple(exact(c[i]) for i in kept) for c in rows) for name, rows in (outputs or {}).items()},
             tuple(kept),
+            tuple(states) or tuple(f"x[{i}]" for i in range(1, n + 1)),
         )
 
     @property
@@ -105,11 +110,30 @@ class VaryingPlant:
         """Number of states."""
         return len(self.B[0])
 
-    def begun(self, state: Sequence[Exact]) -> Row:
-        """The states that the input moves, of a deviation from rest of all states as written; raises `PlantError`."""
+    @property
+    def rows(self) -> dict[str, tuple[Row, ...]]:
+        """The outputs that may be limited, by name: the controlled one without feed-through, its rate, if it is such a row, and others."""
+        found = {self.output: self.C, "output": self.C} if not any(self.D) else {}
+        jumps = any(sum((c * b for c, b in zip(row, column, strict=True)), Fraction(0)) for row, column in zip(self.C, self.B, strict=True))
+        if found and len({*self.C}) == 1 and not jumps:
+            found["output_rate"] = tuple(
+                tuple(sum((c * row[j] for c, row in zip(self.C[0], A, strict=True)), Fraction(0)) for j in range(self.order))
+                for A in self.A
+            )
+        return found | dict(self.outputs)
+
+    def begun(self, state: Sequence[Exact] | Mapping[str, Exact]) -> Row:
+        """The states that the input moves, of a deviation from rest of all states, in order or by name; raises `PlantError`."""
+        shown = ", ".join(self.states)
+        if isinstance(state, Mapping):
+            if unknown := [name for name in state if name not in self.states]:
+                raise PlantError(f"the initial state names {', '.join(unknown)}; the states are {shown}")
+            state = [state.get(name, 0) for name in self.states]
+        if len(state) != len(self.states):
+            raise PlantError(f"the initial state has {len(state)} numbers; the states are {shown}")
         numbers = [exact(x) for x in state]
-        if len(numbers) <= max(self.kept) or any(x for i, x in enumerate(numbers) if i not in self.kept):
-            raise PlantError("the plant begins with states away from rest that its input moves at no time: no command brings them to rest")
+        if unmoved := [name for i, name in enumerate(self.states) if numbers[i] and i not in self.kept]:
+            raise PlantError(f"the plant begins with {', '.join(unmoved)} away from rest, which its input moves at no time")
         return tuple(numbers[i] for i in self.kept)
 
     @cached_property

@@ -113,6 +113,13 @@ def varying_problem(plant: VaryingPlant, maneuver: Maneuver) -> Problem:
     )
 
 
+def resampled(problem: Problem, step: Fraction) -> Problem:
+    """The same of a plant that varies with a sample time [s]."""
+    assert problem.transition is not None
+    plant, maneuver = problem.transition.plant, problem.maneuver
+    return varying_problem(plant, replace(maneuver, rest=maneuver.rest - plant.rest(maneuver.displacement)[1], sample_time=step))
+
+
 def varying_time(problem: Problem, task: dict[str, Any], settings: Settings, near: float | None, begun: float) -> Bound:
     """Bracket the least maneuver time and prove both sides where that is possible; `near` is a guess at it [s]."""
     gridded = problem.maneuver.sample_time is not None

@@ -28,7 +28,7 @@ from relaxations.transitions import VaryingPlant
 Reals = NDArray[np.float64]
 
 SAME = 1e-12  # of the move: instants so close are one
-SHORT, TERMS = 0.5, 18  # of a series for one part of a cell: the length times the pace, and how many terms then leave nothing out
+SHORT, TERMS, NOTHING = 0.5, 24, 1e-18  # of a series for one part of a cell: length times pace, terms at most, what is left out
 
 
 def flows(table: Reals, instants: Reals, edges: Reals) -> Reals:
@@ -37,9 +37,8 @@ def flows(table: Reals, instants: Reals, edges: Reals) -> Reals:
     points = np.union1d(edges, inner)
     pace = float(np.abs(np.linalg.eigvals(np.abs(table).max(axis=0))).max())
     parts = np.maximum(np.ceil(np.diff(points) * pace / SHORT), 1.0).astype(int)
-    points = np.concatenate(
-        [*(np.linspace(a, b, n, endpoint=False) for (a, b), n in zip(itertools.pairwise(points), parts, strict=True)), points[-1:]]
-    )
+    shares = (np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)) / np.repeat(parts, parts)
+    points = np.append(np.repeat(points[:-1], parts) + shares * np.repeat(np.diff(points), parts), points[-1])
     widths, begins = np.diff(points)[:, None, None], points[:-1]
     after = np.searchsorted(instants, begins + np.diff(points) / 2)
     at = np.clip(after, 1, len(instants) - 1) if len(instants) > 1 else np.zeros(len(begins), dtype=int)
@@ -53,6 +52,8 @@ def flows(table: Reals, instants: Reals, edges: Reals) -> Reals:
     for k in range(TERMS):
         terms = [terms[1], (widths * (value @ terms[1]) + widths * widths * (rise @ terms[0])) / (k + 1)]
         moved = moved + terms[1]
+        if max(np.abs(terms[0]).max(), np.abs(terms[1]).max()) <= NOTHING * np.abs(moved).max():
+            break
     found, firsts = [], np.searchsorted(points, edges)
     for a, b in itertools.pairwise(firsts):
         whole = moved[a]
@@ -122,11 +123,10 @@ def varying_courses(plant: VaryingPlant, limits: Limits, state: Sequence[Fractio
     """
     found = []
     for name, limit in limits.deflection.items():
-        known = {plant.output: plant.C, **plant.outputs}
+        known = plant.rows
         if name not in known:
-            raise ManeuverError(f"a deflection limit names {name!r}; the plant has {', '.join(sorted(known))}")
-        if name == plant.output and any(plant.D):
-            raise ManeuverError(f"the output {name!r} has feed-through: it jumps with the input, whose limits are its own")
+            listed = ", ".join(sorted(known)) or "none without feed-through"
+            raise ManeuverError(f"a deflection limit names {name!r}; of a plant that varies it may be that of {listed}")
         if not limit > 0:
             raise ManeuverError(f"the deflection of {name!r} may be more than 0, not {float(limit)!r}")
         rows = known[name]
