@@ -10,6 +10,7 @@ Where that is violated no admissible command is as short as T. A budget of fuel 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from relaxations.courses import sampled as sampled_costate
 from relaxations.maneuvers import Problem
 from relaxations.prices import NONE, Prices
 from relaxations.ramps import bound as ramped
+from relaxations.ramps import slid as slid_ramps
 from relaxations.varying_courses import driven, gained
 
 Reals = NDArray[np.float64]
@@ -265,6 +267,41 @@ def _varying(problem: Problem, costate: Reals, near: float, price: float, prices
     if step is not None or at == len(edges) - 1:
         return float(edges[min(at + 1, len(edges) - 1)])
     return float(edges[at] + (edges[at + 1] - edges[at]) * left[at] / (left[at] - left[at + 1]))
+
+
+def _varying_costate(problem: Problem, costate: Reals, prices: Prices) -> tuple[Callable[[Reals], Reals], Callable[[Reals], Reals]]:
+    """p at any instants of a plant that varies, and 0 and its integrals between ascending ones."""
+
+    def p(points: Reals) -> Reals:
+        if not prices.pressed:
+            return costate @ problem.rows(points)
+        ordered, place = np.unique(points, return_inverse=True)
+        return driven(costate, prices.pressed, ordered)[1][place]
+
+    def whole(edges: Reals) -> Reals:
+        if not prices.pressed:
+            return np.concatenate([[0.0], np.diff(costate @ problem.rows(edges, 1))])
+        return np.concatenate([[0.0], np.diff(driven(costate, prices.pressed, edges)[2])])
+
+    return p, whole
+
+
+def slid(problem: Problem, costate: Reals, horizon: float, prices: Prices, most: float) -> Prices:
+    """The multipliers of the slope with their ramps moved by at most `most` [s], as `ramps.slid` has it."""
+    if problem.transition is not None:
+        return replace(prices, ramps=slid_ramps(prices.ramps, *_varying_costate(problem, costate, prices), horizon, most))
+    modal = np.array([float(value) for value in problem.modal(costate)])
+    bases = [own.basis for own in problem.sets]
+    parts = np.split(modal, np.cumsum([basis.size for basis in bases])[:-1])
+
+    def p(points: Reals) -> Reals:
+        return sampled_costate(bases, parts, prices.pressed, points)
+
+    def whole(edges: Reals) -> Reals:
+        pressed = sum((press.over(edges) for press in prices.pressed), np.zeros(len(edges) - 1))
+        return np.concatenate([[0.0], np.diff(costate @ problem.rows(edges, 1)) - pressed])
+
+    return replace(prices, ramps=slid_ramps(prices.ramps, p, whole, horizon, most))
 
 
 def _wanted(problem: Problem, costate: Reals, times: Reals, price: float, prices: Prices) -> Reals:

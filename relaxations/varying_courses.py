@@ -214,7 +214,7 @@ def driven(costate: Reals, pressed: Sequence[Press], points: Reals) -> tuple[Rea
     courses = list({press.course.name: press.course for press in pressed}.values())
     names = [course.name for course in courses]
     ends = [at for press in pressed for at in (press.begin, press.end)]
-    edges = np.unique(np.concatenate([points, ends]))
+    edges = np.unique(np.concatenate([[0.0], points, ends]))
     A, B, size = np.array(plant.A, dtype=float), np.array(plant.B, dtype=float), n + len(courses) + 1
     table = np.zeros((len(plant.instants), size, size))
     table[:, :n, :n], table[:, -1, :n] = -A.transpose(0, 2, 1), B

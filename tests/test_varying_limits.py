@@ -280,14 +280,15 @@ def test_random_corruption_never_proves_a_falsehood(which: str, seed: int, reque
         places: list[tuple[Any, Any]] = []
 
         def walk(node: Any) -> None:
-            for key in list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ():
-                if isinstance(node[key], str) and key != "output":
+            items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+            for key, value in items:
+                if key != "output" and isinstance(value, str):
                     places.append((node, key))
                 else:
-                    walk(node[key])
+                    walk(value)
 
         walk(data["lower"])
-        node, key = places[rng.integers(len(places))]
+        node, key = places[int(rng.integers(len(places)))]
         node[key] = written(number(node[key]) * Fraction(str(round(rng.uniform(0.5, 1.5), 3))) + Fraction(int(rng.integers(-1, 2)), 50))
         data["claim"]["lower"] = written(upper * Fraction(101, 100))
         data["claim"]["upper"] = None
