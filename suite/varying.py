@@ -38,7 +38,8 @@ def varying_plant(plant: Plant, parameters: Mapping[str, Value] | None = None) -
         A = (source.A, *(schedule.A or (source.A,) * len(schedule.times)))
         B = (source.B, *(schedule.B or (source.B,) * len(schedule.times)))
         C = (source.C, *(schedule.C or (source.C,) * len(schedule.times)))
-        return VaryingPlant.of(instants, A, B, C, [source.D] * len(instants), plant.output)
+        outputs = {name: [row] * len(instants) for name, row in source.outputs.items()}
+        return VaryingPlant.of(instants, A, B, C, [source.D] * len(instants), plant.output, outputs)
     assert isinstance(source, FmuPlant)
     key = (
         *(source.archive.path, source.archive.sha256, plant.input, plant.output, plant.initial_input, source.settle, source.method),
@@ -81,7 +82,8 @@ def _along(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value], instant
         raise PlantError(f"{name} cannot be linearised along its motion: {problem}") from None
     matrices = [[[float(x) for x in row] for row in one.A] for one in found]
     varying = VaryingPlant.of(
-        instants, matrices, [one.B.tolist() for one in found], [one.C.tolist() for one in found], [one.D for one in found], plant.output
+        *(instants, matrices, [one.B.tolist() for one in found], [one.C.tolist() for one in found], [one.D for one in found], plant.output),
+        states=found[0].states,
     )
     moving = np.flatnonzero(np.any([one.B != 0.0 for one in found], axis=0))
     for one in found:  # the states that the input moves rest without it
