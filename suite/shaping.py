@@ -65,11 +65,21 @@ class Reach:
     band: Band
     worst: Worst
 
+    def to_dict(self) -> dict[str, Any]:
+        """An item of `bands` and `ranges` in `shaper --json` (docs/schemas.md)."""
+        return {
+            "mode": self.mode,
+            "frequency": [self.band.low, self.band.high],
+            "tolerance": self.band.tolerance,
+            "worst_residual": [self.worst.lower, self.worst.upper],
+        }
+
 
 @dataclass(frozen=True, slots=True)
 class Shaping:
     """The answer: the shaper, its least duration if known, its insensitivity at the tolerance, its proven worst residual over each band.
 
+    `ranges`: those that the kind keeps by itself, where it does.
     `deflection`: the largest one from the shaped step lies between these, where it was to be limited.
     """
 
@@ -83,6 +93,7 @@ class Shaping:
     decay: Measured | None = None
     deflection: tuple[float, float] | None = None
     move: Moved | None = None
+    ranges: tuple[Reach, ...] = ()
 
     @property
     def worst(self) -> tuple[float, float]:
@@ -117,15 +128,8 @@ class Shaping:
             "deflection": None if self.deflection is None else list(self.deflection),
             "worst_residual": list(self.worst),
             "worst_at": {"mode": at.mode, "frequency": at.worst.frequency, "damping": at.worst.damping},
-            "bands": [
-                {
-                    "mode": reach.mode,
-                    "frequency": [reach.band.low, reach.band.high],
-                    "tolerance": reach.band.tolerance,
-                    "worst_residual": [reach.worst.lower, reach.worst.upper],
-                }
-                for reach in self.reaches
-            ],
+            "bands": [reach.to_dict() for reach in self.reaches],
+            "ranges": [reach.to_dict() for reach in self.ranges],
         }
         return record if self.move is None else {**record, "move": self.move.to_dict()}
 
@@ -167,20 +171,23 @@ def assess(kind: str, request: Request, damping: tuple[float, float] | None = No
     reaches = request.reaches()
     made = make(kind, request)
     times, amplitudes, order = made.shaper.excitation
-    exact = [Fraction(t) for t in times], [Fraction(a) for a in amplitudes]
-    found: list[Reach] = []
-    for number, band in reaches:
-        low, high = damping or (band.mode.damping, band.mode.damping)
-        frequencies = [Fraction(repr(factor)) * Fraction(repr(band.mode.frequency)) for factor in (band.low, band.high)]
-        box = (frequencies[0], frequencies[1]), (Fraction(repr(low)), Fraction(repr(high)))
-        worst = worst_residual(*exact, *box, relative=PROVEN, absolute=PROVEN, order=order)
-        found.append(Reach(number + 1, band, worst))
+    found = [_reach(made.shaper, number, band, damping) for number, band in reaches]
+    kept = [_reach(made.shaper, number, band, None) for number, band in made.ranges]
     width = min(insensitivity(times, amplitudes, mode.frequency, mode.damping, request.tolerance, order) for mode in request.modes)
     strays = None
     if request.deflection is not None:
         each = [deflection(made.shaper, mode) for mode in request.modes]
         strays = max(one.lower for one in each), max(one.upper for one in each)
-    return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping, deflection=strays)
+    return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping, deflection=strays, ranges=tuple(kept))
+
+
+def _reach(shaper: Shaper, number: int, band: Band, damping: tuple[float, float] | None) -> Reach:
+    times, amplitudes, order = shaper.excitation
+    exact = [Fraction(t) for t in times], [Fraction(a) for a in amplitudes]
+    low, high = damping or (band.mode.damping, band.mode.damping)
+    frequencies = [Fraction(repr(factor)) * Fraction(repr(band.mode.frequency)) for factor in (band.low, band.high)]
+    box = (frequencies[0], frequencies[1]), (Fraction(repr(low)), Fraction(repr(high)))
+    return Reach(number + 1, band, worst_residual(*exact, *box, relative=PROVEN, absolute=PROVEN, order=order))
 
 
 def _request(asked: Asked, known: tuple[Mode, ...]) -> tuple[Request, tuple[float, float] | None]:

@@ -25,7 +25,7 @@ from relaxations.checking.durations import Condition, none_as_short
 from relaxations.errors import ShaperError, SolverError
 from relaxations.shaping.impulses import derivative_shaper
 from relaxations.shaping.modes import Mode
-from relaxations.shaping.polishing import FAINT, Demand, Extremal, polished, rows, vanishing
+from relaxations.shaping.polishing import FAINT, Demand, Extremal, apart, polished, rows, vanishing
 from relaxations.shaping.sensitivity import residual
 from relaxations.shaping.shapers import Shaper
 
@@ -139,7 +139,10 @@ class _Search:
         return duration * np.union1d(np.linspace(0.0, 1.0, CELLS + 1), self.extra)
 
     def solve(self, duration: float) -> programs.ConeSolution:
-        return programs.closest(rows(self.demands, self.instants(duration), duration), np.array([d.tolerance for d in self.demands]))
+        columns = rows(self.demands, self.instants(duration), duration)
+        turned = apart(self.demands, columns)
+        solution = programs.closest(turned @ columns, np.array([d.tolerance for d in self.demands]))
+        return replace(solution, multipliers=turned.conj().T @ solution.multipliers)
 
     @property
     def loose(self) -> bool:

@@ -65,7 +65,8 @@ class Least:
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A shaper, and the least duration of such shapers where that is proven."""
+    """A shaper, the least duration of such shapers where that is proven, and `ranges` that its kind keeps (mode, counted from 0; band)."""
 
     shaper: Shaper
     least: Least | None = None
+    ranges: tuple[tuple[int, Band], ...] = ()
