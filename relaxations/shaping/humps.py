@@ -23,13 +23,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 
-import flint
 import numpy as np
 from flint import acb, arb
 from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import NDArray
 
 from relaxations.errors import ShaperError, SolverError
+from relaxations.plants import precision
 from relaxations.shaping.bounded import bounded
 from relaxations.shaping.continuation import continued
 from relaxations.shaping.modes import Mode
@@ -41,7 +41,8 @@ Reals = NDArray[np.float64]
 
 MOST_HUMPS = 12  # the equations' condition grows with each
 LEAST_TOLERANCE = 1e-13  # below it doubles' own rounding is no longer small
-ROUNDED = 1e-15  # of what is left: what rounding to doubles may add, for each zero
+ROUNDED = 1e-15  # of what is left: what rounding to doubles may add, for each zero; with impulses 1, -1, 1 … for each unit of phase
+MOST_ROUNDED = 0.5  # of a tolerance, that is given up for it
 PLAIN = 1e-3  # tolerances from here on are solved in doubles where that goes
 SPREAD = 0.25  # of √(1 - ζ²)/(mπ): so close to each other zeros are in Chebyshev's pattern
 LONGER = 2  # times as long as with derivatives: impulses 1, -1, 1 … are made no longer
@@ -98,6 +99,7 @@ def unity_magnitude(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
     zeros, given = humps + 1, tuple((-1) ** i for i in range(2 * humps + 3))
     with _digits(_first_ripple(mode, zeros, aim)):
         phases = unity_phases(mode.damping, humps)
+        aim = min(aim, tolerance - ROUNDED * min(LONGER * float(phases[0]), MOST_ROUNDED * tolerance / ROUNDED))
         ripples = Ripples(arb(mode.damping), len(given), 2 * zeros - 1, zeros - 1, given)
         bend = abs(sum((a * (ripples.direction * p) ** zeros * (-ripples.direction * p).exp()
                         for a, p in zip(given, phases, strict=True)), acb(0))) / math.factorial(zeros)  # fmt: skip
@@ -127,6 +129,14 @@ def unity_phases(damping: float, derivatives: int) -> Vector:
     return [*end.x, arb(0)]
 
 
+def unity_derivatives(mode: Mode, derivatives: int) -> Shaper:
+    """Impulses 1, -1, 1 … with zero vibration and so many derivatives, at any damping. Raises `SolverError`."""
+    first = _first_ripple(mode, derivatives + 1, LEAST_TOLERANCE)
+    with _digits(first):
+        phases = unity_phases(mode.damping, derivatives)
+        return as_doubles(mode, phases, [(-1) ** i for i in range(len(phases))])
+
+
 @lru_cache(maxsize=32)
 def _undamped_unity(derivatives: int) -> tuple[float, ...]:
     times = bounded([Mode(1.0)], 0, 1, derivatives).shaper.times
@@ -146,7 +156,7 @@ def _require(tolerance: float, humps: int) -> float:
         )
     if not 1 <= humps <= MOST_HUMPS:
         raise ShaperError(f"humps are counted from 1 to {MOST_HUMPS}, not {humps}")
-    return tolerance - ROUNDED * (humps + 1)
+    return tolerance - min(ROUNDED * (humps + 1), MOST_ROUNDED * tolerance)
 
 
 def _lost(humps: int, tolerance: float, end: Point) -> str:
@@ -154,18 +164,9 @@ def _lost(humps: int, tolerance: float, end: Point) -> str:
 
 
 @contextmanager
-def _precision(bits: int) -> Iterator[None]:
-    before, flint.ctx.prec = flint.ctx.prec, bits
-    try:
-        yield
-    finally:
-        flint.ctx.prec = before
-
-
-@contextmanager
 def _digits(first: tuple[float, float]) -> Iterator[tuple[arb, arb]]:
     """So many that the first ripple, e^`first`, is not lost in rounding; V and spread to begin with."""
-    with _precision(BITS + int(-2.0 * first[0] / math.log(2.0))):
+    with precision(BITS + int(-2.0 * first[0] / math.log(2.0))):
         yield arb(first[0]).exp(), arb(first[1])
 
 

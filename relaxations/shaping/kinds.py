@@ -6,6 +6,7 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
@@ -18,10 +19,10 @@ from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.plants import exact
 from relaxations.shaping.bounded import bounded
 from relaxations.shaping.deflection import deflection_limited
-from relaxations.shaping.humps import Humped, extra_insensitive, unity_magnitude
+from relaxations.shaping.humps import Humped, extra_insensitive, unity_derivatives, unity_magnitude
 from relaxations.shaping.impulses import derivative_shaper, mzv, negative_zv
 from relaxations.shaping.insensitive import specified
-from relaxations.shaping.least_durations import Remnant, least_duration
+from relaxations.shaping.least_durations import Remnant, least_duration, least_with_derivatives
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.pulses import at_intervals, pulsed
 from relaxations.shaping.ranges import humped_ranges
@@ -34,6 +35,9 @@ MOST_DERIVATIVES, MOST_CONDITIONS = (
     30,
 )  # beyond them a least duration is not searched for: doubles cannot tell the conditions apart
 WHOLE = 1e-9  # partial sums this close to a whole number are it
+SAME = 1.0 - 1e-5  # of a tolerance: humps are designed a hair below it
+ONE_MODE = "the least duration is that of one mode's zeros alone: with those of all nothing more was proven"
+UNPROVEN = "no least duration: with damping so near 1 what tells shorter sequences apart is lost in rounding"
 CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 
 
@@ -86,7 +90,7 @@ def _drawn_out(made: Made, width: float) -> Made:
     least = None
     if made.least and zeros and min(abs(np.expm1(turn) / turn) for turn in turns) > CLEAR:
         least = Least(math.nextafter(made.least.duration + width, 0.0), f"{made.least.among}, as pulses of one width")
-    return Made(as_pulses(made.shaper, width), least, made.ranges)
+    return Made(as_pulses(made.shaper, width), least, made.ranges, made.notes)
 
 
 def find(name: str) -> tuple[Kind, int]:
@@ -147,16 +151,20 @@ def _order(zeros: Sequence[tuple[Mode, int]]) -> str:
 
 def _compared(shaper: Shaper | None, zeros: Sequence[tuple[Mode, int]]) -> Made:
     """The shaper, or the shortest one, with the proof for positive shapers of these zeros."""
-    counts = [count for _, count in zeros]
+    among, modes, counts = f"positive shapers with {_order(zeros)}", tuple(mode for mode, _ in zeros), [count for _, count in zeros]
+    lower = max(least_with_derivatives(mode, count) for mode, count in zeros)
+    if len(set(zeros)) == 1:
+        return Made(shaper or derivative_shaper(*zeros[0]), Least(lower, among, modes))
     if shaper is not None and (max(counts) > MOST_DERIVATIVES or sum(counts) + len(counts) > MOST_CONDITIONS):
-        return Made(shaper)
+        return Made(shaper, Least(lower, among, modes), notes=(ONE_MODE,))
     try:
         shortest = specified([], zeros)
     except SolverError:
         if shaper is None:
             raise
-        return Made(shaper)  # a shaper all the same; that none is shorter is not proven
-    return Made(shaper or shortest.shaper, _least(shortest.lower, f"positive shapers with {_order(zeros)}", [mode for mode, _ in zeros]))
+        return Made(shaper, Least(lower, among, modes), notes=(ONE_MODE,))
+    notes = (ONE_MODE,) if shortest.lower is None else ()
+    return Made(shaper or shortest.shaper, Least(max(lower, shortest.lower or 0.0), among, modes), notes=notes)
 
 
 def _least(lower: float | None, among: str, zeros: Sequence[Mode] = ()) -> Least | None:
@@ -169,11 +177,21 @@ def _humps(request: Request, number: int) -> Made:
     humped = [extra_insensitive(mode, request.tolerance, number) for mode in request.modes]
     zeros = [zero for one in humped for zero in one.zeros]
     shaper = reduce(convolve, (one.shaper for one in humped))
-    try:
-        lower = specified([], [(zero, 0) for zero in zeros]).lower
-    except SolverError:
-        lower = None
-    return Made(shaper, _least(lower, f"positive shapers that share {_own(humped, request.modes)}", zeros))
+    lower = max(least_with_derivatives(zero, 0) for zero in zeros)
+    with suppress(SolverError):
+        lower = max(lower, specified([], [(zero, 0) for zero in zeros]).lower or 0.0)
+    return Made(
+        shaper, Least(lower, f"positive shapers that share {_own(humped, request.modes)}", tuple(zeros)), notes=_ripples(humped, request)
+    )
+
+
+def _ripples(humped: Sequence[Humped], request: Request) -> tuple[str, ...]:
+    """Where humps are lower than the tolerance."""
+    return tuple(
+        f"mode {number}: humps of {one.ripple:.4g}, the largest made at this damping; the tolerance is kept all the more"
+        for number, one in enumerate(humped, 1)
+        if one.ripple < SAME * request.tolerance
+    )
 
 
 def _humps_at_once(request: Request, number: int) -> Made:
@@ -192,15 +210,16 @@ def _unity_humps(request: Request, number: int) -> Made:
     humped = [unity_magnitude(mode, request.tolerance, number) for mode in request.modes]
     shaper = reduce(convolve, (one.shaper for one in humped))
     zeros = [zero for one in humped for zero in one.zeros]
-    return Made(shaper, _within_sums(zeros, _sums_of(shaper), 0, _own(humped, request.modes)))
+    least = _within_sums(zeros, _sums_of(shaper), 0, _own(humped, request.modes))
+    return Made(shaper, least, notes=(*_ripples(humped, request), *(() if least else (UNPROVEN,))))
 
 
 def _own(humped: Sequence[Humped], modes: Sequence[Mode]) -> str:
     """The zeros of humped shapers, as factors of their modes' frequencies."""
     factors = [[f"{zero.frequency / mode.frequency:.6g}" for zero in one.zeros] for one, mode in zip(humped, modes, strict=True)]
-    parts = [f"{', '.join(those[:-1])} and {those[-1]}" for those in factors]
+    parts = [" and ".join([", ".join(those[:-1]), those[-1]] if those[1:] else those) for those in factors]
     if len(parts) == 1:
-        return f"its zeros, at {parts[0]} of the frequency"
+        return f"its {'zeros' if len(factors[0]) > 1 else 'zero'}, at {parts[0]} of the frequency"
     return "its zeros, at " + "; ".join(f"{part} of mode {number}'s frequency" for number, part in enumerate(parts, 1))
 
 
@@ -234,10 +253,26 @@ def _insensitive(request: Request, number: int) -> Made:
 
 
 def _unity(request: Request, number: int) -> Made:
-    if request.simultaneous or len(request.modes) == 1:
-        return _between(request.modes, (0.0, 1.0), number)
-    shaper = _in_turn(request.modes, lambda mode: bounded([mode], 0, 1, number).shaper)
-    return Made(shaper, _within_sums(request.modes, _sums_of(shaper), number, "these zeros"))
+    modes = _different(request.modes) if request.simultaneous else request.modes
+    if len(modes) > 1 and request.simultaneous:
+        return _between(modes, (0.0, 1.0), number)
+    if len(modes) == 1:
+        with suppress(ShaperError, SolverError):
+            made = _between(modes, (0.0, 1.0), number)
+            if made.least:
+                return made
+    shaper = _in_turn(modes, lambda mode: _unity_of(mode, number))
+    least = _within_sums(modes, _sums_of(shaper), number, "these zeros")
+    return Made(shaper, least, notes=() if least else (UNPROVEN,))
+
+
+def _unity_of(mode: Mode, number: int) -> Shaper:
+    """The shortest one where that is proven, else the same sequence from the undamped one."""
+    with suppress(ShaperError, SolverError):
+        found = bounded([mode], 0, 1, number)
+        if found.bound.status is Status.PROVED:
+            return found.shaper
+    return unity_derivatives(mode, number)
 
 
 def _sums_of(shaper: Shaper) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""A solution that is known is followed along its curve in as many digits as are set: pseudo-arclength continuation in python-flint's numbers.
+"""A solution that is known is followed along its curve in as many digits as are set: pseudo-arclength continuation with python-flint.
 
 `f(x, w) = 0`, one equation fewer than unknowns (x, w), is a curve. From a point with tangent T the next one is sought on the plane across
 T: unlike steps of w alone that also finds the way around a fold, where w is largest. Balls serve as long floats; nothing is proven here.
