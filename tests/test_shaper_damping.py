@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from typing import cast
 
 import numpy as np
 import pytest
@@ -54,7 +55,7 @@ def test_where_one_hump_ends_and_that_it_is_continuous_there():
     def over(damping: float) -> float:
         return hump_beyond(derivative_shaper(Mode(1.0, damping)), damping, 1.0)[1] - tolerance
 
-    end = float(brentq(over, 0.5, 0.9, xtol=1e-12))
+    end = float(cast(float, brentq(over, 0.5, 0.9, xtol=1e-12)))
     assert end == pytest.approx(0.69319, abs=1e-5)
     last, first = (extra_insensitive(Mode(1.0, end + step), tolerance) for step in (-1e-5, 1e-5))
     assert len(last.shaper.times) == 3
