@@ -21,6 +21,7 @@ from relaxations.response import response
 from reports import logs
 from suite import schema
 from suite.campaign import measure, natural_step
+from suite.command_files import command_of
 from suite.errors import SuiteError
 from suite.evidence import number
 from suite.observations import Channel, Setting, Subject, observe, record, thinned, with_verdict
@@ -164,7 +165,7 @@ def simulate(asked: Request, log: Path | None = None, convergence: bool = False)
 
 def _command(path: Path) -> Command:
     try:
-        return Command.from_json(path.read_text(encoding="utf-8"))
+        return command_of(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError:
         raise SimulationError(f"{path} is no text file; a command file is JSON") from None
     except CommandError as problem:

@@ -14,6 +14,7 @@ from relaxations.shaping.kinds import KINDS, find, mistakes
 from relaxations.shaping.requests import BAND, TOLERANCE, Request
 from relaxations.shaping.shapers import Shaper
 from suite import schema
+from suite.command_files import command_of
 from suite.errors import ABSENT, Mistake
 from suite.shaping import band_of, impulses_of, mode_of
 from suite.study import ShaperRequest
@@ -68,7 +69,7 @@ def read_command(file: str, folder: Path, place: str, wrong: list[Mistake]) -> C
     """A command file that a study names at `place`; None and a mistake if it is none."""
     path = (folder / file).expanduser()
     try:
-        return Command.from_json(path.read_text(encoding="utf-8"))
+        return command_of(path.read_text(encoding="utf-8"))
     except OSError as problem:
         wrong.append(Mistake(place, file, f"{path} cannot be read: {problem.strerror}"))
     except UnicodeDecodeError:
