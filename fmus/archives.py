@@ -47,12 +47,26 @@ def _folders(host: str) -> tuple[str, ...]:
     return host, old
 
 
+def machines(folder: str) -> tuple[str, ...]:
+    """The machines, in the words of FMI 3.0, whose binaries lie in a folder below binaries/; none for a name that is not the standard's."""
+    machine, _, system = folder.partition("-")
+    if machine and system in _SUFFIX:
+        return (folder,)
+    old = {"linux": "linux", "win": "windows", "darwin": "darwin"}
+    found = re.fullmatch(r"(linux|win|darwin)(32|64)", folder)
+    if found is None:
+        return ()
+    # Universal libraries lie in darwin64, and tools for ARM, older than FMI 3.0, use these names, too.
+    wide = ("x86_64", "aarch64") if found[1] == "darwin" else ("x86_64",)
+    return tuple(f"{machine}-{old[found[1]]}" for machine in (wide if found[2] == "64" else ("x86",)))
+
+
 @dataclass(frozen=True, slots=True)
 class Fmu:
     """An FMU file that has passed every check that needs no execution.
 
-    `platforms` are the folders of its binaries; `binaries` maps model identifier to the member for this machine;
-    `twin` is the text of its linear twin, if it brings one.
+    `platforms` are the folders of its binaries; `binaries` maps model identifier to the member for this machine, `digests` that to its
+    SHA-256; `twin` is the text of its linear twin, if it brings one.
     """
 
     path: Path
@@ -60,9 +74,22 @@ class Fmu:
     description: Description
     platforms: tuple[str, ...]
     binaries: tuple[tuple[str, str], ...]
-    binary_sha256: str | None
+    digests: tuple[tuple[str, str], ...]
     twin: str | None
     description_xml: bytes
+
+    def binary(self, interface: str) -> tuple[str, str] | None:
+        """Member and SHA-256 of what this machine loads for an interface (`co_simulation`, `model_exchange`), which may be two libraries.
+
+        None if the FMU does not offer it, or not for this machine.
+        """
+        member = dict(self.binaries).get(getattr(self.description.capabilities, interface) or "")
+        return None if member is None else (member, dict(self.digests)[member])
+
+    def binary_sha256(self, interface: str) -> str | None:
+        """SHA-256 of `binary`; interface in the words of the description or, with a hyphen, of a study."""
+        found = self.binary(interface.replace("-", "_"))
+        return None if found is None else found[1]
 
     def require_platform(self, interface: str = "co_simulation") -> str:
         """The archive member that holds this machine's binary of an interface (`co_simulation` or `model_exchange`)."""
@@ -77,6 +104,13 @@ class Fmu:
             raise PlatformError(f"{self.path.name} holds no binary {identifier!r} for {host_platform()}; its binaries are for: {has}")
         return member
 
+    @staticmethod
+    def unpacks(name: str) -> bool:
+        """Whether a run on this machine unpacks that member: not sources, documentation, other machines' binaries."""
+        top, _, rest = name.partition("/")
+        foreign = top == "binaries" and rest.split("/")[0] not in ("", *_folders(host_platform()))
+        return not foreign and top not in ("sources", "documentation")
+
     def extract(self, folder: Path) -> None:
         """Unpack what a run needs (this machine's binaries, the resources) into an empty folder.
 
@@ -87,9 +121,7 @@ class Fmu:
                 raise ArchiveError(f"{self.path} has changed since it was opened")
             with zipfile.ZipFile(self.path) as archive:
                 for info in _checked_members(archive, self.path):
-                    top, _, rest = info.filename.partition("/")
-                    foreign = top == "binaries" and rest.split("/")[0] not in ("", *_folders(host_platform()))
-                    if not foreign and top not in ("sources", "documentation"):
+                    if self.unpacks(info.filename):
                         archive.extract(info, folder)
         except (*DAMAGED, OSError) as problem:
             raise ArchiveError(f"{self.path} cannot be unpacked: {problem}") from None
@@ -116,7 +148,7 @@ def open_archive(path: Path | str) -> Fmu:
                 if not IDENTIFIER.match(identifier):
                     raise ArchiveError(f"{path}: modelIdentifier {identifier!r} is no C identifier, so it cannot name the binary safely")
             binaries = tuple((i, m) for i in identifiers if (m := _binary(i, members)) is not None)
-            binary_digest = hashlib.sha256(archive.read(binaries[0][1])).hexdigest() if binaries else None
+            digests = tuple((member, hashlib.sha256(archive.read(member)).hexdigest()) for _, member in binaries)
             if TWIN in members and members[TWIN].file_size > MAX_TWIN:
                 raise ArchiveError(f"{path}: {TWIN} of {members[TWIN].file_size} bytes is too large")
             twin = archive.read(TWIN).decode() if TWIN in members else None
@@ -124,7 +156,7 @@ def open_archive(path: Path | str) -> Fmu:
         raise ArchiveError(f"{path} is no intact FMU (a zip file): {problem}") from None
     except OSError as problem:
         raise ArchiveError(f"{path} cannot be read: {problem.strerror or problem}") from None
-    return Fmu(path, digest, description, _platforms(members), binaries, binary_digest, twin, xml)
+    return Fmu(path, digest, description, _platforms(members), binaries, digests, twin, xml)
 
 
 def _checked_members(archive: zipfile.ZipFile, path: Path) -> list[zipfile.ZipInfo]:
@@ -132,15 +164,19 @@ def _checked_members(archive: zipfile.ZipFile, path: Path) -> list[zipfile.ZipIn
     if len(members) > MAX_MEMBERS:
         raise ArchiveError(f"{path} holds {len(members)} files; at most {MAX_MEMBERS} are accepted")
     seen: set[str] = set()
+    folders: set[str] = set()
     for info in members:
         _check_name(info, path)
         if info.filename in seen:
             raise ArchiveError(f"{path} holds {info.filename!r} twice")
         seen.add(info.filename)
+        folders.update(str(parent) for parent in PurePosixPath(info.filename + "x" * info.is_dir()).parents)
         if stat.S_ISLNK(info.external_attr >> 16):
             raise ArchiveError(f"{path}: {info.filename!r} is a symbolic link")
         if info.flag_bits & 1:
             raise ArchiveError(f"{path}: {info.filename!r} is encrypted")
+    if both := sorted(seen & folders):
+        raise ArchiveError(f"{path} holds {both[0]!r} as a file and as a folder: it cannot be unpacked")
     total, packed = sum(m.file_size for m in members), sum(m.compress_size for m in members)
     if total > MAX_TOTAL:
         raise ArchiveError(f"{path} unpacks to {total} bytes; at most {MAX_TOTAL} are accepted")

@@ -4,6 +4,7 @@
     ├── ArchiveError         the file is no FMU, or not one that is safe to unpack
     ├── DescriptionError     modelDescription.xml is malformed, or has no such variable
     ├── PlatformError        the FMU holds no binary for this machine
+    ├── LibraryError         a file is no shared library, or a damaged one
     ├── BuildError           a plant cannot be compiled or packed
     ├── CallFailed           an FMI function returned something other than OK
     ├── LinearizationError   the FMU gives no linear plant at this operating point
@@ -29,6 +30,10 @@ class DescriptionError(FmuError):
 
 class PlatformError(FmuError):
     """The FMU holds no binary for this machine."""
+
+
+class LibraryError(FmuError):
+    """A file is no shared library, or a damaged one."""
 
 
 class BuildError(FmuError):

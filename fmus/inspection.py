@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from fmus.archives import DAMAGED, Fmu, host_platform, open_archive
+from fmus.archives import DAMAGED, TWIN, Fmu, host_platform, machines, open_archive
 from fmus.descriptions import Description
-from fmus.errors import ArchiveError, FmuError
+from fmus.errors import ArchiveError, FmuError, LibraryError
+from fmus.libraries import Library, read_libraries
 from fmus.terminals import TERMINALS, Terminal, read_terminals
 from fmus.variables import NUMBER_TYPES, REAL_TYPES
 
 MOST_NAMED = 6  # variables that one finding names
 LARGEST_TERMINALS = 2**24  # bytes
+LARGEST_LIBRARY = 2**28  # bytes: larger ones are not looked into
+INTERFACES = {"co_simulation": "InstantiateCoSimulation", "model_exchange": "InstantiateModelExchange"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +44,7 @@ def inspect(path: Path | str) -> Inspection:
     terminals: tuple[Terminal, ...] = ()
     try:
         with zipfile.ZipFile(fmu.path) as archive:
+            damaged = dict(_damaged(archive))
             for name in archive.namelist():
                 parts = PurePosixPath(name).parts
                 if len(parts) == 3 and parts[0] == "binaries" and PurePosixPath(name).suffix in (".so", ".dll", ".dylib"):
@@ -51,17 +55,92 @@ def inspect(path: Path | str) -> Inspection:
                 if archive.getinfo(TERMINALS).file_size > LARGEST_TERMINALS:
                     raise ArchiveError(f"{fmu.path}: {TERMINALS} of {archive.getinfo(TERMINALS).file_size} bytes is too large")
                 terminals = read_terminals(archive.read(TERMINALS))
+            found = list(_libraries(fmu, archive, damaged))
     except (*DAMAGED, OSError) as problem:
         raise ArchiveError(f"{fmu.path} cannot be read: {problem}") from None
+    unpacked = {name: why for name, why in damaged.items() if fmu.unpacks(name)}
+    run = {member for _, member in fmu.binaries}
     return Inspection(
         fmu=fmu,
         host=host_platform(),
         binaries=tuple((folder, tuple(sorted(files))) for folder, files in sorted(binaries.items())),
         sources=tuple(sorted(sources)),
         terminals=terminals,
-        obstacles=tuple(_obstacles(fmu, bool(sources))),
-        notes=tuple(_notes(fmu)),
+        obstacles=(
+            *_obstacles(fmu, bool(sources)),
+            *(f"{name} is damaged, so the archive cannot be unpacked: {why}" for name, why in unpacked.items()),
+            *(words for name, words in found if name in run),
+            *_twin_obstacles(fmu),
+        ),
+        notes=(
+            *_notes(fmu),
+            *(f"{name} is damaged; no run here unpacks it: {why}" for name, why in damaged.items() if name not in unpacked),
+            *(words for name, words in found if name not in run),
+        ),
     )
+
+
+def _damaged(archive: zipfile.ZipFile) -> Iterator[tuple[str, str]]:
+    """The members whose content cannot be unpacked, or is not what was packed, each with what is wrong."""
+    for info in archive.infolist():
+        try:
+            with archive.open(info) as member:
+                while member.read(2**20):
+                    pass
+        except (*DAMAGED, OSError) as problem:
+            yield info.filename, str(problem)
+
+
+def _libraries(fmu: Fmu, archive: zipfile.ZipFile, damaged: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """The libraries that will not load where they lie, or lack what every run calls: the member's name, and what is wrong with it."""
+    names = archive.namelist()
+    for name in names:
+        path = PurePosixPath(name)
+        if len(path.parts) != 3 or path.parts[0] != "binaries" or path.suffix not in (".so", ".dll", ".dylib") or name in damaged:
+            continue
+        if archive.getinfo(name).file_size > LARGEST_LIBRARY:
+            continue
+        try:
+            there = read_libraries(archive.read(name))
+        except LibraryError as problem:
+            yield name, f"{name} is {problem}"
+            continue
+        wanted = machines(path.parts[1])
+        fitting = [library for library in there if library.machine in wanted] if wanted else list(there)
+        if not fitting:
+            yield name, f"{name} is for {' and '.join(library.machine for library in there)}, not for {' or '.join(wanted)}"
+        beside = {PurePosixPath(other).name for other in names if other.startswith(f"binaries/{path.parts[1]}/")}
+        for library in fitting:
+            # What it loads may bring the functions.
+            if (lacks := _lacking(fmu, path.stem, library)) and not library.needs & beside:
+                yield name, f"{name} exports no {', '.join(lacks)}"
+
+
+def _lacking(fmu: Fmu, identifier: str, library: Library) -> list[str]:
+    """The functions that create an instance and let it go, as far as the library exports none of that name."""
+    has = fmu.description
+    offered = [interface for interface in INTERFACES if getattr(has.capabilities, interface) == identifier]
+    if library.exports is None or not offered:
+        return []
+    made = ["Instantiate"] if has.major == 2 else [INTERFACES[interface] for interface in offered]
+    wanted = [f"fmi{has.major}{name}" for name in (*made, "EnterInitializationMode", "Terminate", "FreeInstance")]
+    return [name for name in wanted if name not in library.exports]
+
+
+def _twin_obstacles(fmu: Fmu) -> Iterator[str]:
+    """What is wrong with the linear twin, which a study takes for the plant unless `plant.linearization` names a method."""
+    if fmu.twin is None:
+        return
+    from fmus.twins import read_twin  # here: it brings the mathematics along
+
+    has = fmu.description
+    try:
+        twin = read_twin(fmu.twin)
+        has.drivable_input(twin.input)
+        for name in (*twin.outputs, *twin.parameters):
+            has.find(name)
+    except FmuError as problem:
+        yield f"a study cannot use its linear twin ({TWIN}) without plant.linearization: {problem}"
 
 
 def _obstacles(fmu: Fmu, sources: bool) -> Iterator[str]:

@@ -77,8 +77,8 @@ class Linearization:
     [A B; C D]. `x`, `u`, `y` are the operating point, reached after settling for `settled` [s], `sizes` (n+1,) the natural sizes of states
     and input (the larger of value and nominal), and `rates` the states' derivatives there, zero at an equilibrium. `method` is
     "directional derivatives", "finite differences" or "identified"; then `identification` tells how, the states have no names in the
-    FMU, and the first `relative_degree` of D, CB, CAB … are zero but for rounding. `notes` say what a reader should know, such as why
-    derivatives that the FMU promises were not used.
+    FMU, and the first `relative_degree` of D, CB, CAB … are zero but for rounding. `interface` (in the description's words) is the one
+    whose library was asked. `notes` say what a reader should know, such as why derivatives that the FMU promises were not used.
     """
 
     states: tuple[str, ...]
@@ -96,6 +96,7 @@ class Linearization:
     settled: float = 0.0
     identification: Identification | None = None
     relative_degree: int = 0
+    interface: str = "co_simulation"
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -259,6 +260,7 @@ def _differentiated(
         uncertainty=uncertainty,
         sizes=np.array([*(_size(s, v) for s, v in zip(sizes, answer["x"], strict=False)), sizes[-1]]),
         settled=settled,
+        interface=interface,
         notes=(*notes, *more),
     )
 

@@ -32,6 +32,7 @@ Value = Fraction | Decimal | float | str
 
 LONGEST_EXPRESSION = 1000  # characters; a twin may come out of a stranger's FMU
 LARGEST_POWER = 16
+LONGEST_NUMBER = 2**16  # bits of a numerator or denominator: squares of squares double them each time
 MOST_STATES = 400
 
 
@@ -210,6 +211,12 @@ def evaluate(expression: str, values: Mapping[str, N], literal: Callable[[str], 
         raise DescriptionError(f"{expression!r} is no expression") from None
 
     def visit(node: ast.expr) -> N:
+        value = visited(node)
+        if isinstance(value, Fraction) and max(value.numerator.bit_length(), value.denominator.bit_length()) > LONGEST_NUMBER:
+            raise DescriptionError(f"{expression!r} is a number of more than {LONGEST_NUMBER} bits")
+        return value
+
+    def visited(node: ast.expr) -> N:
         match node:
             case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
                 return literal(ast.get_source_segment(expression.strip(), node) or "")

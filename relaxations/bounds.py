@@ -217,7 +217,7 @@ def exceeded(problem: Problem, solution: programs.GridSolution, factor: float = 
     """Where a solution is beyond a limit that was not imposed there: a residual beyond `factor` times its own."""
     levels, grid = solution.levels / solution.fraction, solution.program.instants
     if problem.residuals is not None:
-        found = Looks(problem.residuals.exceeded(grid, levels, factor), np.zeros(0))
+        found = Looks(problem.residuals.exceeded(grid, levels, factor, problem.sloped), np.zeros(0))
     else:
         found = problem.tail.exceeded(solution.tail_coefficients, solution.pull)
     if not problem.courses:
@@ -382,10 +382,10 @@ def ramped(problem: Problem, instants: Reals, values: Reals, tail: Reals) -> Com
 
 def staircase(problem: Problem, solution: programs.GridSolution) -> Command:
     """The grid's own command, divided by α ≥ 1 so that it reaches the target itself; equal neighbours are one segment."""
-    levels = solution.levels / solution.fraction
+    levels, tail = solution.levels / solution.fraction, solution.tail_coefficients[: problem.tail.size]
     if problem.sloped:
-        return ramped(problem, solution.program.instants, np.concatenate([[0.0], levels[:-1]]), solution.tail_coefficients)
+        return ramped(problem, solution.program.instants, np.concatenate([[0.0], levels[:-1]]), tail)
     horizon, starts = solution.program.maneuver_time, solution.program.instants[:-1]
     keep = np.concatenate([[True], np.diff(levels) != 0.0])
     segments = tuple(Segment(float(s), problem.absolute(float(u))) for s, u in zip(starts[keep], levels[keep], strict=True))
-    return Command(horizon, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(solution.tail_coefficients)))
+    return Command(horizon, segments, Tail(problem.absolute(problem.hold), problem.tail.terms(tail)))

@@ -19,6 +19,7 @@ from relaxations.courses import sampled as sampled_costate
 from relaxations.maneuvers import Problem
 from relaxations.prices import NONE, Prices
 from relaxations.ramps import bound as ramped
+from relaxations.ramps import slid as slid_ramps
 
 Reals = NDArray[np.float64]
 
@@ -223,6 +224,22 @@ def _followed(problem: Problem, costate: Reals, near: float, price: float, price
     if at == len(edges) - 1:
         return float(edges[-1])
     return float(edges[at] + (edges[at + 1] - edges[at]) * left[at] / (left[at] - left[at + 1]))
+
+
+def slid(problem: Problem, costate: Reals, horizon: float, prices: Prices, most: float) -> Prices:
+    """The multipliers of the slope with their ramps moved by at most `most` [s], as `ramps.slid` has it."""
+    modal = np.array([float(value) for value in problem.modal(costate)])
+    bases = [own.basis for own in problem.sets]
+    parts = np.split(modal, np.cumsum([basis.size for basis in bases])[:-1])
+
+    def p(points: Reals) -> Reals:
+        return sampled_costate(bases, parts, prices.pressed, points)
+
+    def whole(edges: Reals) -> Reals:
+        pressed = sum((press.over(edges) for press in prices.pressed), np.zeros(len(edges) - 1))
+        return np.concatenate([[0.0], np.diff(costate @ problem.rows(edges, 1)) - pressed])
+
+    return replace(prices, ramps=slid_ramps(prices.ramps, p, whole, horizon, most))
 
 
 def _wanted(problem: Problem, costate: Reals, times: Reals, price: float, prices: Prices) -> Reals:

@@ -121,7 +121,7 @@ def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | N
     """
     at = residuals.looks() if looks is None else looks.instants
     rows, offset = residuals.rows(at)
-    left, size, right = np.linalg.svd(residuals.table(program.instants), full_matrices=False)
+    left, size, right = np.linalg.svd(residuals.table(program.instants, program.problem.sloped), full_matrices=False)
     kept = size > LOST * size.max(initial=0.0)
     shapes, directions = rows @ (left[:, kept] * size[kept]), right[kept]
     allowed, free = residuals.allowed * (1.0 - inside), len(directions)

@@ -220,7 +220,7 @@ def solve(program: GridProgram) -> GridSolution:
         steps = np.diff(program.instants) / half if step is None else np.full(cells + 1, float(step) / half)
         values |= {"rising": rate[1] * steps, "falling": rate[0] * steps, "end": program.problem.hold / length}
         if coefficients and slope is Slope.RAMPS:
-            values["begins"] = program.problem.tail.rows(np.zeros(1))[0] * unit
+            values["begins"] = program.problem.tail.rows(np.zeros(1))[0] * unit if program.problem.tail.size else 0.0 * unit
         if fuel is not None and step is None:  # nodes carry half of either cell
             values["widths"] = (values["widths"] + np.append(values["widths"][1:], 0.0)) / 2
     if motion is not None:
@@ -260,7 +260,7 @@ def solve(program: GridProgram) -> GridSolution:
     turned = [_Turned.of(program, prices, *sign, risen, length) for sign in signs]
     best = min(turned, key=lambda one: one.off)
     multiplier, landing, pull, scale = best.multiplier, best.landing, best.pull, best.scale
-    if slope is Slope.RAMPS and coefficients and not _ends_on_a_ramp(program, levels):
+    if slope is Slope.RAMPS and program.problem.tail.size and not _ends_on_a_ramp(program, levels):
         # Where the slope is not on a limit q is 0: what is left of it, half a cell's worth, is the limit's that the tail begins on.
         at = int(np.argmin(program.looks[program.aspect == 0]))
         kept = max(prices[0][at] + landing, 0.0)
@@ -324,7 +324,7 @@ class _Turned:
         k, tail = len(program.looks), program.problem.tail
         force = program.columns.T @ multiplier
         pull = force + program.shapes[:k].T @ (prices[0] - prices[1])[:k]
-        if program.problem.sloped and len(pull):
+        if program.problem.sloped and tail.size:
             pull = pull + landing * tail.rows(np.zeros(1))[0]
         free = np.setdiff1d(np.arange(len(pull)), [at for places in program.capped for at in places]).astype(np.intp)
         scale = float(multiplier @ program.target) - _price(program, prices[0], prices[1], pull) - risen

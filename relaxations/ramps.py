@@ -8,7 +8,7 @@ there (± the price of the fuel, by the input's sign), and elsewhere q = 0 (../d
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +24,7 @@ Reals = NDArray[np.float64]
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(8)  # in each cell, where a mode turns by a radian or so
 ON_RATE = 1e-3  # of the slope's limit: a cell whose slope is so close is part of a ramp
 GAP = 2  # cells between two parts of one ramp at most
+MEETING = 1e-6  # of a cell: two ramps so close together meet
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +47,6 @@ def rate_of(maneuver: Maneuver) -> tuple[float, float] | None:
         raise ManeuverError(f"limits of the slope contain 0, with room on either side, not [{float(rate[0])!r}, {float(rate[1])!r}]")
     if maneuver.limits.pulsed:
         raise ManeuverError("limits of the slope do not go with pulses: an input that is on or off jumps")
-    if maneuver.box is not None and maneuver.sample_time is None:
-        raise ManeuverError(
-            "limits of the slope do not go with a box yet, unless there is a sample time: valid are further zeros, 0, 1, 2 …"
-        )
     return float(rate[0]), float(rate[1])
 
 
@@ -74,10 +71,14 @@ def priced(instants: Reals, values: Reals, rate: tuple[float, float], fuel: floa
         for run in np.split(active, np.flatnonzero(np.diff(active) > GAP) + 1) if len(active) else []:
             first, last = int(run[0]), int(run[-1])
 
-            def share(cell: int, limit: float = limit) -> float:
-                return float(np.clip(slopes[cell] / limit, 0.0, 1.0) * widths[cell]) if 0 <= cell < len(slopes) else 0.0
+            def share(cell: int, beyond: int, limit: float = limit) -> float:
+                if not 0 <= cell < len(slopes):
+                    return 0.0
+                other = rate[0] if limit > 0 else rate[1]  # a ramp the other way may follow at once
+                level = other if 0 <= beyond < len(slopes) and slopes[beyond] / other >= 1.0 - ON_RATE else 0.0
+                return float(np.clip((slopes[cell] - level) / (limit - level), 0.0, 1.0) * widths[cell])
 
-            start, end = instants[first] - share(first - 1), instants[last + 1] + share(last + 1)
+            start, end = instants[first] - share(first - 1, first - 2), instants[last + 1] + share(last + 1, last + 2)
             edges, levels = [horizon - end], []
             crossing = np.interp(0.0, nodes[first : last + 2] * np.sign(limit), instants[first : last + 2], -1.0, -1.0) if fuel else -1.0
             if fuel and start < crossing < end:
@@ -97,9 +98,34 @@ def priced(instants: Reals, values: Reals, rate: tuple[float, float], fuel: floa
             ramp = Ramp((edge, *(x for x in ramp.edges[1:] if x > edge)), ramp.levels[-sum(x > edge for x in ramp.edges[1:]) :])
             if len(ramp.edges) < 2:
                 continue
+        whole = bool(kept) and kept[-1].edges[0] == 0.0 and ramp.edges[-1] > horizon  # of such a one only the middle says where q is 0
+        if kept and not whole and ramp.edges[0] - kept[-1].edges[-1] <= MEETING * float(widths.max()) and ramp.edges[-1] > ramp.edges[0]:
+            # Where the slope turns from one limit to the other within the limits of the input, q goes through 0, wherever that is.
+            first = kept.pop()
+            ramp = Ramp((*first.edges, *ramp.edges[1:]), (*first.levels, *ramp.levels))
         if ramp.edges[-1] > ramp.edges[0]:
             kept.append(ramp)
     return tuple(kept)
+
+
+def slid(
+    ramps: Sequence[Ramp], p: Callable[[Reals], Reals], whole: Callable[[Reals], Reals], horizon: float, most: float
+) -> tuple[Ramp, ...]:
+    """Ramps moved, as they are, so that q ends at 0 without a shift: `∫ (p - level) = 0` by one step of Newton's method, of at most `most`
+    [s]; `whole` is an antiderivative of p.
+
+    A grid's command has only as many cells in which a ramp begins or ends as it has equations: its other ramps do so at nodes.
+    """
+    found: list[Ramp] = []
+    for ramp, after in zip(ramps, (*ramps[1:], None), strict=True):
+        edges, ends = np.array(ramp.edges), np.array([ramp.edges[0], ramp.edges[-1]])
+        if ends[0] > 0.0 and ends[1] < horizon:
+            missed, slope = float(np.diff(whole(ends))[0] - np.array(ramp.levels) @ np.diff(edges)), float(np.diff(p(ends))[0])
+            by = float(np.clip(-missed / slope if slope else 0.0, -most, most))
+            low, high = found[-1].edges[-1] if found else 0.0, after.edges[0] if after else horizon
+            edges = edges + (by if low < ends[0] + by and ends[1] + by < high else 0.0)
+        found.append(replace(ramp, edges=tuple(float(edge) for edge in edges)))
+    return tuple(found)
 
 
 def bound(

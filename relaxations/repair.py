@@ -183,6 +183,8 @@ def _ramped(solution: GridSolution, levels: Reals) -> Repaired | None:
         room[-1] = 0.0
         if turn == 0:
             weights = np.maximum(room, 0.0)
+            if not size:  # nothing has to be reached exactly
+                break
             if np.count_nonzero(weights) < size:
                 return None
             free = np.sort(pivots(np.linalg.qr((table * weights).T)[0].T)[:size])
@@ -192,7 +194,7 @@ def _ramped(solution: GridSolution, levels: Reals) -> Repaired | None:
         rows = np.abs(table * np.where(values == 0.0, 1.0, np.abs(values))).sum(axis=1)
         values = values.copy()
         values[free] += np.linalg.lstsq(table[:, free] / rows[:, None], residual / rows, rcond=None)[0]
-    left = float(room[free].min())
+    left = float(room[free].min()) if size else SNAP * (problem.upper - problem.lower)
     if not left > 0.0:
         return None
     starts = np.concatenate([[0.0], values[:-1]])

@@ -17,7 +17,7 @@ from relaxations import certificates, programs
 from relaxations.bounds import Bound, Settings, Status, extended, ramped
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
-from relaxations.duality import Costate, lower_bound
+from relaxations.duality import Costate, lower_bound, slid
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.refinement import Extremal
@@ -149,9 +149,14 @@ def accepted(task: dict[str, Any], lower: Side | None = None, upper: Side | None
 
 def lower_side(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
-    value = lower_bound(*extended(problem, dual.costate, dual.tail_multipliers), near, dual.price(problem), dual.prices)
-    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, dual.prices)
-    followed = dual.prices.pressed or dual.prices.ramps  # p was integrated on a grid then
+    whole, prices = extended(problem, dual.costate, dual.tail_multipliers), dual.prices
+    value = lower_bound(*whole, near, dual.price(problem), prices)
+    if prices.ramps and isinstance(dual, programs.GridSolution) and problem.begin is None:
+        moved = slid(*whole, dual.maneuver_time, prices, float(np.diff(dual.program.instants).max()))
+        better = lower_bound(*whole, near, dual.price(problem), moved)
+        value, prices = (better, moved) if better > value else (value, prices)
+    witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, prices)
+    followed = prices.pressed or prices.ramps  # p was integrated on a grid then
     step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in MARGINS[-4 if followed else 0 :]]
     if step is not None:
         claims = [problem.on_grid(value) - k * step for k in (0, 1)]

@@ -13,7 +13,7 @@ import click
 
 from suite.cli_fmus import fmus
 from suite.cli_tables import table, tradeoff
-from suite.command import AS_JSON, FAILED, INCONCLUSIVE, SANDBOX, USAGE, guarded, print_json
+from suite.command import AS_JSON, FAILED, INCONCLUSIVE, SANDBOX, USAGE, guarded, print_json, search_errors
 
 POSITIVE = click.FloatRange(0.0, 1e150, min_open=True)
 
@@ -323,12 +323,14 @@ def shaper(
 ) -> None:
     """Make a shaper of KIND for one or several modes, and prove its worst residual vibration over a box of frequency and damping.
 
-    Exit code 0: done; 1: there is no such shaper; 2: bad input.
+    Exit code 0: done; 1: there is no such shaper, or none was found; 2: bad input.
     """
     from suite import console_shapers, shaper_files, shaping
 
-    shaper_files.known(exports, (command, certificate), words["move"])
-    done = shaping.design(shaping.Asked(**words))
+    pulses = words["pulse"] is not None or words["height"] is not None
+    wrong = [*shaper_files.mistakes(exports, (command, certificate), words["move"], pulses)]
+    with search_errors():
+        done = shaping.design(shaping.Asked(**words), wrong)
     for path in exports:
         shaper_files.export(done, path)
     if save:

@@ -17,7 +17,7 @@ from relaxations.response import jumps
 from relaxations.shaping.sensitivity import residual
 from reports import charts, files, junit, layouts, logs, manifest, pages
 from suite.bound_records import bound_record
-from suite.campaign import RunResult
+from suite.campaign import RunResult, interface
 from suite.checks import CERTIFICATE, ON_GRID, trusted
 from suite.design import Design
 from suite.observations import INPUT, observe
@@ -68,7 +68,8 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
             "name": fmu.name,
             "fmu": printable(fmu.archive.path.name),
             "sha256": fmu.archive.sha256,
-            "binary_sha256": fmu.archive.binary_sha256,
+            "binary_sha256": fmu.archive.binary_sha256(interface(study)),
+            "libraries": dict(fmu.archive.digests),
             "fmi_version": fmu.archive.description.fmi_version,
             "tool": fmu.archive.description.tool,
             "input": {"name": study.plant.input, "unit": study.plant.input_unit},
@@ -225,7 +226,7 @@ def write(folder: Path, results: Mapping[str, Any], study: Study, design: Design
     files.write_atomically(folder / "plant" / "modelDescription.xml", fmu.archive.description_xml)
     if fmu.archive.twin is not None:
         files.write_atomically(folder / "plant" / "twin.toml", fmu.archive.twin.encode())
-    hashes = {"fmu": printable(fmu.archive.path.name), "sha256": fmu.archive.sha256, "binary_sha256": fmu.archive.binary_sha256}
+    hashes = {key: results["plant"][key] for key in ("fmu", "sha256", "binary_sha256", "libraries")}
     files.write_atomically(folder / "plant" / "hashes.json", files.json_bytes(hashes))
     if design.bound.certificate is not None:
         files.write_atomically(folder / CERTIFICATE, design.bound.certificate)

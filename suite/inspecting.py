@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from fmus.archives import Fmu
 from fmus.inspection import Inspection
 from fmus.terminals import Terminal
 from fmus.variables import Unit, Variable
@@ -19,7 +20,8 @@ def inspection_record(found: Inspection) -> dict[str, Any]:
     return {
         "file": str(fmu.path),
         "sha256": fmu.sha256,
-        "binary_sha256": fmu.binary_sha256,
+        "binary_sha256": next((digest for _, _, digest in _loaded(fmu)), None),
+        "libraries": {name: {"member": member, "sha256": digest} for name, member, digest in _loaded(fmu)},
         "fmi_version": has.fmi_version,
         "model": has.model_name,
         "tool": has.tool,
@@ -37,6 +39,13 @@ def inspection_record(found: Inspection) -> dict[str, Any]:
         "prevents": list(found.obstacles),
         "notes": list(found.notes),
     }
+
+
+def _loaded(fmu: Fmu) -> Iterator[tuple[str, str, str]]:
+    """What a run here loads for each interface, the usual one first: the interface's name in FMI, the member, its SHA-256."""
+    for name, interface in (("CoSimulation", "co_simulation"), ("ModelExchange", "model_exchange")):
+        if (found := fmu.binary(interface)) is not None:
+            yield name, *found
 
 
 def _variable(v: Variable) -> dict[str, Any]:
@@ -87,8 +96,8 @@ def summary(found: Inspection) -> Iterator[tuple[str, str]]:
     yield "model", has.model_name + (f", made by {has.tool}" if has.tool else "")
     yield "FMI", has.fmi_version
     yield "SHA-256", fmu.sha256
-    if fmu.binary_sha256:
-        yield "its binary", f"{fmu.binary_sha256} ({found.host})"
+    for interface, member, digest in _loaded(fmu):
+        yield "its binary", f"{digest} ({interface}, {member})"
     for name, attributes in has.interfaces:
         able = [key for key, value in attributes if value in ("true", "1")]
         able += [f"{key} = {value}" for key, value in attributes if value not in ("true", "1", "false", "0") and key != "modelIdentifier"]

@@ -68,6 +68,7 @@ class Linear:
         return {
             "fmu": str(self.fmu.path),
             "sha256": self.fmu.sha256,
+            "binary_sha256": self.fmu.binary_sha256(found.interface),
             "input": self.request.input,
             "output": self.request.output,
             "method": found.method,

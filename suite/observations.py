@@ -45,6 +45,7 @@ class Subject:
     version: str
     study_sha256: str
     fmu_sha256: str
+    binary_sha256: str | None  # of the library that the runs load
     command: Command
     limits: tuple[float, float]
     input: Channel
@@ -81,6 +82,7 @@ def record(subject: Subject, setting: Setting, outcome: Outcome, linear: Reals |
         "version": subject.version,
         "study_sha256": subject.study_sha256,
         "fmu_sha256": subject.fmu_sha256,
+        "binary_sha256": subject.binary_sha256 or "",
         "status": outcome.status.name.lower(),
         "detail": outcome.detail,
         "parameters": json.dumps({name: str(value) for name, value in setting.parameters.items()}),

@@ -41,6 +41,10 @@ def shaper_lines(done: Shaping) -> Iterator[str]:
         sides = (reach.worst.lower, reach.worst.upper) if several else done.worst
         allowed = f" (tolerance {reach.band.tolerance:g})" if several else ""
         yield f"worst residual vibration, {box}: {interval(sides)}, mode {reach.mode}: proved{allowed}"
+    for reach in done.ranges:
+        box = f"frequency × {reach.band.low:.6f} to {reach.band.high:.6f}"
+        sides = interval((reach.worst.lower, reach.worst.upper))
+        yield f"worst residual vibration over mode {reach.mode}'s own range, {box}: {sides}: proved (tolerance {reach.band.tolerance:g})"
     if done.move is not None:
         yield from move_lines(done.move)
 

@@ -217,6 +217,7 @@ def _subject(asked: Request, command: Command, plant: Plant, fmu: FmuPlant) -> S
         version=importlib.metadata.version("slewcert"),
         study_sha256="",
         fmu_sha256=fmu.archive.sha256,
+        binary_sha256=fmu.archive.binary_sha256(interface_of(has.capabilities, asked.interface)),
         command=command,
         limits=(math.nan, math.nan),
         input=channel(asked.input),

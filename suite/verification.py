@@ -14,7 +14,7 @@ from fmus.variables import REAL_TYPES
 from relaxations.bounds import Status
 from reports import files
 from suite import evidence
-from suite.campaign import RunResult, Sample, carry_out, samples, settle
+from suite.campaign import RunResult, Sample, carry_out, interface, samples, settle
 from suite.design import Design, design, on_grid
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.folders import LEDGER, check, prepare
@@ -131,6 +131,7 @@ def _subject(study: Study, fmu: FmuPlant, made: Design) -> Subject:
         version=importlib.metadata.version("slewcert"),
         study_sha256=study.sha256,
         fmu_sha256=fmu.archive.sha256,
+        binary_sha256=fmu.archive.binary_sha256(interface(study)),
         command=made.command,
         limits=(float(study.limits.lower), float(study.limits.upper)),
         input=channel(study.plant.input),

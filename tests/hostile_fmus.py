@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import stat
 import warnings
 import zipfile
@@ -52,11 +53,52 @@ HOSTILE: dict[str, Callable[[Files], Files]] = {
     "bomb": lambda files: {**files, "resources/zeros": bytes(archives.RATIO_FREE + 1)},
     "platform": _without_binaries,
     "no_library": _binary(b"this is no shared library"),
+    "file_and_folder": lambda files: {**files, "resources": b"x"},
+    "no_description": lambda files: {name: content for name, content in files.items() if name != "modelDescription.xml"},
+    "damaged_resource": lambda files: {**files, "resources/more": bytes(range(256)) * 40},
 }
 MARKED = {"symlink": (stat.S_IFLNK | 0o777, 0), "encrypted": (0o644, 1)}
 """Members with other file types or flags: mode and flag bits."""
 TWICE = "twice"
-NAMES = (*HOSTILE, *MARKED, TWICE)
+
+
+def _cut(content: bytes) -> bytes:
+    """As a download that broke off: without the directory at the end."""
+    return content[: len(content) // 2]
+
+
+def _member(name: str) -> Callable[[bytes], bytes]:
+    """A byte changed in the middle of the packed content of the first member whose name begins so."""
+
+    def changed(content: bytes) -> bytes:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            info = next(info for info in archive.infolist() if info.filename.startswith(name) and not info.is_dir())
+        place = info.header_offset + 30 + len(info.filename) + info.compress_size // 2
+        return content[:place] + bytes([content[place] ^ 0xFF]) + content[place + 1 :]
+
+    return changed
+
+
+def _directory(content: bytes) -> bytes:
+    """The directory at the end points to where no members are."""
+    changed = bytearray(content)
+    entry = content.find(b"PK\x01\x02")
+    while entry >= 0:
+        changed[entry + 42 : entry + 46] = b"\xff\xff\xff\x00"
+        entry = content.find(b"PK\x01\x02", entry + 1)
+    return bytes(changed)
+
+
+DAMAGED: dict[str, Callable[[bytes], bytes]] = {
+    "truncated": _cut,
+    "no_zip": lambda content: b"This is no archive.\n" * 200,
+    "damaged_description": _member("modelDescription.xml"),
+    "damaged_library": _member("binaries/"),
+    "damaged_resource": _member("resources/more"),
+    "damaged_directory": _directory,
+}
+"""Archives that are broken: what becomes of the file's bytes."""
+NAMES = (*dict.fromkeys((*HOSTILE, *MARKED, TWICE, *DAMAGED)),)
 
 
 def hostile(name: str, version: FmiVersion, folder: Path) -> Path:
@@ -79,6 +121,8 @@ def hostile(name: str, version: FmiVersion, folder: Path) -> Path:
             archive.writestr(info, b"/etc/passwd")
     if name in MARKED and MARKED[name][1]:
         _flag(path)
+    if name in DAMAGED:
+        path.write_bytes(DAMAGED[name](path.read_bytes()))
     return path
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 
 from relaxations.commands import Command
 from relaxations.shaping.shapers import Shaper, ShaperTerm
@@ -73,3 +74,30 @@ def shaped_command(shaper: Shaper, command: Command, times: Sequence[float], res
 def _pieces(a: float, b: float, width: float) -> list[tuple[float, float]]:
     marks = np.linspace(a, b, max(2, int(np.ceil((b - a) / width)) + 1))
     return list(itertools.pairwise(marks))
+
+
+def shortest_positive(demands: Sequence[tuple[float, float, float]], cells: int, corners: int) -> float:
+    """The shortest duration [s] of positive impulses on a grid of `cells` that keep (ω [rad/s], ζ, tolerance) each, to 1e-4 of it.
+
+    A linear program in HiGHS: polygons of so many corners within the circles, bisection of the duration.
+    """
+    turns = np.exp(-2j * np.pi * np.arange(corners) / corners)
+
+    def feasible(duration: float) -> bool:
+        since = np.linspace(-duration, 0.0, cells + 1)
+        rows, limits = [], []
+        for omega, zeta, tolerance in demands:
+            columns = np.exp(complex(zeta, np.sqrt(1.0 - zeta**2)) * omega * since)
+            rows.append((turns[:, None] * columns).real)
+            limits.append(np.full(corners, tolerance * np.cos(np.pi / corners)))
+        ones = np.ones((1, cells + 1))
+        return linprog(np.zeros(cells + 1), np.vstack(rows), np.concatenate(limits), ones, [1.0], method="highs").status == 0
+
+    high = max(np.pi / omega for omega, _, _ in demands)
+    while not feasible(high):
+        high *= 1.5
+    low = high / 1.5
+    while high - low > 1e-4 * high:
+        middle = (low + high) / 2
+        low, high = (low, middle) if feasible(middle) else (middle, high)
+    return high

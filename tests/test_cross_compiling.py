@@ -17,11 +17,11 @@ from exported import drive
 from fmpy import __file__ as fmpy_file
 from fmpy.validation import validate_fmu
 from independent_shaping import known_shapers
-from libraries import highest_glibc, read_library, slices
 from raw_fmus import RawFmu
 
 from fmus import compiling
 from fmus.compiling import PLATFORMS, Target, host
+from fmus.libraries import read_library, slices
 from suite.cli import main
 
 pytestmark = [
@@ -41,6 +41,11 @@ def functions(version: str) -> set[str]:
     """Every function of the standard, from its own header."""
     text = (HEADERS / f"fmi{version[0]}Functions.h").read_text()
     return set(re.findall(rf"#define (fmi{version[0]}[A-Z]\w+)\s+fmi{version[0]}FullName", text))
+
+
+def highest_glibc(content: bytes) -> tuple[int, ...]:
+    """The newest version of GNU's C library that it asks for."""
+    return max(tuple(int(n) for n in version.split(b".")) for version in re.findall(rb"GLIBC_([0-9.]+)", content))
 
 
 @pytest.fixture(scope="module")
@@ -96,6 +101,7 @@ def test_every_library_exports_the_standard_and_needs_nothing_but_the_system(exp
     for name, content in libraries(exported[version]).items():
         for part in slices(content) if name.endswith("darwin64/shaper.dylib") else [content]:
             library = read_library(part)
+            assert library.exports is not None
             assert expected - library.exports == set(), name
             assert {other for other in library.exports if not other.startswith(f"fmi{version[0]}")} <= LINKERS_OWN, name
             assert [need for need in library.needs if not SYSTEM.fullmatch(need)] == [], name

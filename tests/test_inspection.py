@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import subprocess
 import zipfile
@@ -84,9 +85,12 @@ def test_loads_no_code(tmp_path: Path) -> None:
     subprocess.run([*compiler(), "-shared", "-fPIC", "-o", str(library), str(source)], check=True)
     files = {"modelDescription.xml": description(), f"binaries/{host_platform()}/cart.so": library.read_bytes()}
     path = pack(tmp_path / "mark.fmu", files)
-    assert inspect(path).obstacles == ()
-    assert run(path).exit_code == 0
+    (obstacle,) = inspect(path).obstacles
+    assert "exports no fmi3InstantiateCoSimulation" in obstacle
+    assert run(path).exit_code == 1
     assert not mark.exists()
+    ctypes.CDLL(str(library))
+    assert mark.exists(), "loading it leaves the mark"
 
 
 def test_names_the_platforms_there_are_where_this_one_is_missing(tmp_path: Path) -> None:

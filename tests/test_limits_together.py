@@ -233,6 +233,3 @@ def test_samples_of_limited_steps_for_a_box() -> None:
         return sides(minimum_time(problem([family.member([Fraction(1)])], maneuver)), 0.05)
 
     assert robust(("-3", "3"))[0] > robust(None)[1]  # 5.4 s without
-    slopes = Limits.of(-1, 1, rate=("-3", "3"))
-    with pytest.raises(ManeuverError, match="unless there is a sample time"):
-        problem([family.member([Fraction(1)])], Maneuver(Fraction(1), slopes, box=Box((stiffness,), family, Fraction(1, 20))))

@@ -5,6 +5,7 @@ rest together, the output of one of them moves after the command as `r(τ) = Re 
 
     Z_j = (1 or 2) N(p_j) / D'(p_j) · (1/p_j) Σ jumps e^{p_j s}     s: time to go of each jump of the input, the last one to u_ss at s = 0
 
+(of an input that is continuous the jumps are those of its slope, and 1/p_j² takes the place of 1/p_j),
 and |r(τ)| ≤ tolerance · |Δ| is asked for all τ ≥ 0. The lower side samples that, which only drops conditions; the upper side encloses Z_j
 and p_j over cells of the box.
 """
@@ -23,8 +24,27 @@ from relaxations.checking.families import Line, Moved, Written, family, over
 from relaxations.checking.members import Numbers, halved, lands
 from relaxations.checking.reading import Refuted, Undecided, require
 
-Jumps = Sequence[tuple[arb, arb]]
 Way = tuple[int, ...]  # the parameters that grow along it; of the lines through a cell none
+
+
+@dataclass(frozen=True, slots=True)
+class Kicks:
+    """Times to go and sizes of the jumps of the input (`order` 1), or of its slope (2)."""
+
+    jumps: Sequence[tuple[arb, arb]]
+    order: int
+
+    @staticmethod
+    def of(system: System, command: Numbers, n: int) -> Kicks:
+        """Of a command, the last one to the final rest."""
+        instants = [*command[1 : n + 1], command[0]]
+        if system.sloped:
+            levels = [*command[n + 1 : 2 * n + 1], system.rest]
+            slopes = [arb(b - a) / arb(t - s) for (s, t), (a, b) in zip(pairwise(instants), pairwise(levels), strict=True)]
+            changes = [after - before for before, after in pairwise([arb(0), *slopes, arb(0)])]
+        else:
+            changes = [arb(after - before) for before, after in pairwise([fmpq(0), *command[n + 1 : 2 * n + 1], system.rest])]
+        return Kicks([(arb(command[0] - at), change) for at, change in zip(instants, changes, strict=True)], 1 + system.sloped)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,12 +104,13 @@ class Motion:
         return sum((size * (pole * span).exp() for pole, size in zip(self.poles, self.sizes, strict=True)), acb_series([0]))
 
 
-def motion(plants: Written | Moved, jumps: Jumps, line: Line, starts: Sequence[acb], flexible: Sequence[bool]) -> Motion:
+def motion(plants: Written | Moved, kicks: Kicks, line: Line, starts: Sequence[acb], flexible: Sequence[bool]) -> Motion:
     """The motions after the command, all over the balls of the line and of the poles that it begins with."""
     poles, sizes = plants.poles(line, starts), []
     for pole, weight, pair in zip(poles, plants.weights(line, poles), flexible, strict=True):
-        spend(6 * len(jumps))
-        sizes.append((1 + pair) * over(weight, pole) * sum(((pole * s).exp() * jump for s, jump in jumps), acb_series([0])))
+        spend(6 * len(kicks.jumps))
+        shaken = sum(((pole * s).exp() * jump for s, jump in kicks.jumps), acb_series([0]))
+        sizes.append((1 + pair) * over(weight, pole**kicks.order) * shaken)
     return Motion(poles, sizes)
 
 
@@ -107,19 +128,19 @@ class Around:
     radii: Sequence[arb]
 
     @staticmethod
-    def of(plants: Written | Moved, jumps: Jumps, cell: Numbers, centre: Numbers, radii: Sequence[arb], poles: Any) -> Around:
+    def of(plants: Written | Moved, kicks: Kicks, cell: Numbers, centre: Numbers, radii: Sequence[arb], poles: Any) -> Around:
         """All motions of a cell."""
         points, balls, flexible = poles
         wide = [q for q, radius in enumerate(radii) if not radius.is_zero()]
         if not wide:  # one plant, at an exact place
-            alone = motion(plants, jumps, centre, points, flexible)
+            alone = motion(plants, kicks, centre, points, flexible)
             return Around({(0, 0): alone}, alone, radii)
         ways = {}
         for q, k in combinations_with_replacement(wide, 2):
             line = [acb_series([x, int(i in (q, k))]) for i, x in enumerate(centre)]
-            ways[q, k] = motion(plants, jumps, line, points, flexible)
+            ways[q, k] = motion(plants, kicks, line, points, flexible)
         whole = [acb_series([x, arb(0, radius.upper())]) for x, radius in zip(cell, radii, strict=True)]
-        return Around(ways, motion(plants, jumps, whole, balls, flexible), radii)
+        return Around(ways, motion(plants, kicks, whole, balls, flexible), radii)
 
     @property
     def middle(self) -> Motion:
@@ -177,11 +198,10 @@ def prove(system: System, command: Numbers, n: int) -> None:
     """Prove that the residual stays within the tolerance in the whole box; raises `Undecided`."""
     task, box = system.task, system.task.box
     allowed = arb(box.tolerance * abs(task.displacement))
-    instants, levels = [*command[1 : n + 1], command[0]], [fmpq(0), *command[n + 1 : 2 * n + 1], system.rest]
-    jumps = [(arb(command[0] - at), arb(after - before)) for at, (before, after) in zip(instants, pairwise(levels), strict=True)]
+    kicks = Kicks.of(system, command, n)
     lands(task)
     plants = family(task)
-    if isinstance(plants, Moved) and not within(plants, jumps, plants.nominal, plants.nominal, [arb(0)] * len(plants.nominal), allowed):
+    if isinstance(plants, Moved) and not within(plants, kicks, plants.nominal, plants.nominal, [arb(0)] * len(plants.nominal), allowed):
         raise Undecided("the residual of the nominal plant is not told from the tolerance")
     waiting = [tuple((x, x) for x in plant.place) for plant in box.plants] or [tuple((p.low, p.high) for p in box.parameters)]
     while waiting:
@@ -190,13 +210,11 @@ def prove(system: System, command: Numbers, n: int) -> None:
         centre = [(low + high) / 2 for low, high in sides]
         cell = [arb(low).union(arb(high)) if low < high else low for low, high in sides]
         radii = [arb((high - low) / 2) for low, high in sides]
-        if not (within(plants, jumps, cell, centre, radii, allowed) and plants.settled(sides)):
+        if not (within(plants, kicks, cell, centre, radii, allowed) and plants.settled(sides)):
             waiting += halved(task, sides, "the residual is not told from the tolerance somewhere in the box")
 
 
-def within(
-    plants: Written | Moved, jumps: Sequence[tuple[arb, arb]], cell: Numbers, centre: Any, radii: Sequence[arb], allowed: arb
-) -> bool:
+def within(plants: Written | Moved, kicks: Kicks, cell: Numbers, centre: Any, radii: Sequence[arb], allowed: arb) -> bool:
     """Whether |r(τ)| ≤ allowed for all τ ≥ 0 in a cell: by the moduli of its motions, or in the course of time."""
     poles = plants.tracked(cell, centre)
     if poles is None:
@@ -207,7 +225,7 @@ def within(
     if any(ball.real > 0 for ball in balls):
         raise Undecided("a plant of the box is unstable")
     try:
-        around = Around.of(plants, jumps, cell, centre, radii, poles)
+        around = Around.of(plants, kicks, cell, centre, radii, poles)
         total, sizes = around.moduli()
         if total <= allowed:
             return True  # of stable plants, which these are if they are `settled`

@@ -176,8 +176,8 @@ def sensible(task: Any, lower: Any) -> None:
     require(step is not None or not steps or begins, "q(0) is one number, and belongs to a ramp that begins there")
     if rate is None:
         return
-    fine = (task.box is None or step is not None) and task.limits.pulse_width is None and task.limits.pulses is None
-    require(fine, "limits of the slope do not belong to a box without a sample time, nor to pulses")
+    fine = task.limits.pulse_width is None and task.limits.pulses is None
+    require(fine, "limits of the slope do not belong to pulses")
     require(rate[0] < 0 < rate[1], "limits of the slope have room on either side of 0")
     at = fmpq(0)
     for ramp in ramps:

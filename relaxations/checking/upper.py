@@ -120,7 +120,8 @@ def krawczyk(
 def solve(system: System, n: int, witness: Any) -> list[Number]:
     """The command with its unknowns in balls that hold a solution."""
     (command, unknowns), size = as_written(system.task, system.zeros, witness), system.target.nrows()
-    if not unknowns and not system.begin and not system.sloped and all(root.value.is_zero() for root in system.roots):
+    at_origin = all(root.value.is_zero() for root in system.roots)
+    if not unknowns and not system.begin and at_origin and not (system.sloped and size):
         exactly(system, n, command)
         return command
     return krawczyk(

@@ -20,6 +20,9 @@ from relaxations.sides import FINER, Proof, concluded, instant_proof, landed, lo
 HELD = (2e-5, 6e-5, 3e-4)
 """How far beyond it a command may go that is to hold in a whole box."""
 
+SLOPED = 4
+"""How many times as dense the grid is where the input's slope is limited: ramps begin and end between its nodes."""
+
 SNAPS = (1e-4, 1e-5, 1e-6)
 
 ROBUST = 1e-4
@@ -33,6 +36,7 @@ def robust_time(problem: Problem, task: dict[str, Any], settings: Settings, near
         found = Bound(Status.BRACKETED, 0.0, 0.0, nothing, command, 0, NOT_PROVEN, 0, 0.0)
         return concluded(task, instant_proof(problem, task, found), found, time.perf_counter() - begun)
     proof, found, count, trouble = Proof(), None, 0, ""
+    settings = settings.finer(SLOPED) if problem.sloped else settings
     for factor in FINER:
         finer = settings.finer(factor)
         try:

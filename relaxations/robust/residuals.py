@@ -16,6 +16,7 @@ from scipy.linalg import block_diag
 from relaxations.errors import ManeuverError
 from relaxations.moments import Basis
 from relaxations.plants import LinearPlant
+from relaxations.ramps import hats
 from relaxations.robust.alignment import aligned, course, sharpened, tops
 from relaxations.robust.boxes import Place, at
 
@@ -67,8 +68,10 @@ class Sample:
         units = [self.weights @ self.basis.free(unit, since) for unit in np.eye(self.basis.size)]
         return np.array(units).T if units else np.zeros((len(since), 0))
 
-    def table(self, instants: Reals) -> Reals:
-        """The moments at the end of the grid of a unit level in each cell: (n, cells)."""
+    def table(self, instants: Reals, ramps: bool = False) -> Reals:
+        """The moments at the end of the grid of a unit level in each cell, or of a unit value at each node but the first: (n, cells)."""
+        if ramps:
+            return hats(self.basis.rows, instants)
         integrated = self.basis.rows(instants[-1] - instants, 1)
         return integrated[:, :-1] - integrated[:, 1:]
 
@@ -132,20 +135,20 @@ class Residuals:
         """Instants at which the residuals are limited at first."""
         return np.concatenate([begin + sample.looks() for begin, sample in zip(self.begins, self.samples, strict=True)])
 
-    def table(self, instants: Reals) -> Reals:
-        """The moments of all samples at the end of the grid of a unit level in each cell: (n, cells)."""
-        return np.vstack([sample.table(instants) for sample in self.samples])
+    def table(self, instants: Reals, ramps: bool = False) -> Reals:
+        """The moments of all samples at the end of the grid, as `Sample.table` has them: (n, cells)."""
+        return np.vstack([sample.table(instants, ramps) for sample in self.samples])
 
     def rows(self, looks: Reals) -> tuple[Reals, Reals]:
         """`R` (looks, n) and `e` (looks,): the residuals R M - α e of the moments M of all samples."""
         parts = [(sample.rows(since), sample.rest) for sample, since in zip(self.samples, self.split(looks), strict=True)]
         return np.asarray(block_diag(*(rows for rows, _ in parts))), np.concatenate([rows @ rest for rows, rest in parts])
 
-    def exceeded(self, instants: Reals, levels: Reals, factor: float = 1.0 + MISSED) -> Reals:
+    def exceeded(self, instants: Reals, levels: Reals, factor: float = 1.0 + MISSED, ramps: bool = False) -> Reals:
         """Instants of local extremes beyond `factor` times the tolerance, of levels that reach the target."""
         found = []
         for begin, sample in zip(self.begins, self.samples, strict=True):
-            peaks, sizes = sample.peaks(sample.table(instants) @ levels - sample.rest, self.allowed * factor)
+            peaks, sizes = sample.peaks(sample.table(instants, ramps) @ levels - sample.rest, self.allowed * factor)
             over = np.flatnonzero(sizes > self.allowed * factor)
             found.append(begin + peaks[over[np.argsort(-sizes[over], kind="stable")[:WORST]]])
         return np.concatenate(found)

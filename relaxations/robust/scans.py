@@ -22,14 +22,19 @@ CHUNK = 1_000_000  # instants of all plants that are looked at together
 
 @dataclass(frozen=True, slots=True)
 class Staircase:
-    """A command: times to go [s] of its jumps, the last one to its final value at 0, and their heights."""
+    """A command: times to go [s] of its jumps, the last one to its final value at 0, and their heights. One that is continuous has jumps
+    of its slope instead: `order` 2."""
 
     to_go: Reals
     jumps: Reals
+    order: int = 1
 
     @staticmethod
-    def of(instants: Reals, levels: Reals, hold: float) -> Staircase:
-        """From levels on the grid of `instants` [s] and the input afterwards."""
+    def of(instants: Reals, levels: Reals, hold: float, ramps: bool = False) -> Staircase:
+        """From levels on the grid of `instants` [s], or values at all nodes but the first, and the input afterwards."""
+        if ramps:
+            slopes = np.diff(levels, prepend=0.0) / np.diff(instants)
+            return Staircase(instants[-1] - instants, np.diff(np.concatenate([[0.0], slopes, [0.0]])), 2)
         return Staircase(instants[-1] - instants, np.diff(np.concatenate([[0.0], levels, [hold]])))
 
 
@@ -66,7 +71,7 @@ class Scan:
         if not self.poles.shape[1]:
             return np.zeros(len(self.places))
         grown = np.exp(self.poles[:, :, None] * command.to_go)
-        motions = self.weights / self.poles * (grown @ command.jumps)
+        motions = self.weights / self.poles**command.order * (grown @ command.jumps)
         moduli = np.abs(motions)
         fastest, slowest = np.abs(self.poles).max(axis=1), np.abs(self.poles).min(axis=1)
         count = int(min(PER_PERIOD * periods * (fastest / slowest).max(), MOST)) + 3

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations import posing, programs
-from relaxations.bounds import Settings, exceeded, exponent_of, first_looks, grid_minimum, instants
+from relaxations.bounds import NOISE, Settings, exceeded, exponent_of, first_looks, grid_minimum, instants
 from relaxations.maneuvers import Problem, problem
 from relaxations.programs import GridSolution
 from relaxations.repair import Repaired
@@ -54,7 +54,7 @@ class Sampled:
 
 def at_rest_at_once(posed: Problem) -> bool:
     """Whether the final input itself, from the first instant on, leaves no more than the tolerance."""
-    if posed.size or posed.residuals is None:
+    if posed.size or posed.residuals is None or posed.rate is not None:
         return False
     box, none = posed.maneuver.box, (np.zeros(1), np.zeros(0))
     assert box is not None
@@ -82,6 +82,7 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
     low, high, below = 0.0, math.inf, None
     solution: GridSolution | None = None
     tolerance = max(settings.tolerance, TOLERANCE)
+    last: GridSolution | None = None  # with the same conditions
     for _ in range(ROUNDS):
         count += 1
         solution = programs.solve(posing.build(posed, instants(posed, horizon, settings), looks))
@@ -91,7 +92,7 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
             high = min(high, horizon)
         close = 1.0 <= solution.fraction <= 1.0 + tolerance and solution.reaches
         if over := exceeded(posed, solution):
-            looks, high = looks | over, math.inf  # with more conditions a time may be too short that was not before
+            looks, high, last = looks | over, math.inf, None  # with more conditions a time may be too short that was not before
         elif abs(math.log(max(solution.fraction, 1e-300))) <= 100 * tolerance:
             worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 + EXCESS)
             more = _with_samples(posed, [*_samples(posed), *worst])
@@ -99,8 +100,8 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
                 if close:
                     break
             else:
-                posed, looks, high = more, looks | _looks_of(posed, more), math.inf
-        horizon = _following(solution, tolerance, low, high)
+                posed, looks, high, last = more, looks | _looks_of(posed, more), math.inf, None
+        horizon, last = _following(solution, last, tolerance, low, high), solution
     assert solution is not None
     return Sampled(posed, looks, solution, below, count)
 
@@ -138,13 +139,19 @@ def further(posed: Problem, solution: GridSolution, inside: float) -> Problem | 
 def keeps(posed: Problem, fixed: Repaired) -> bool:
     """Whether a staircase keeps the tolerance in all of the box, as far as can be seen."""
     levels = np.array([float(level - posed.maneuver.rest) for level in fixed.levels])
+    if posed.sloped:
+        levels = np.append(levels[1:], posed.hold)
     return not worst_places(posed, np.append(fixed.starts, fixed.maneuver_time), levels, 1.0 - SEEN)
 
 
-def _following(solution: GridSolution, tolerance: float, low: float, high: float) -> float:
-    """The next time to try: a hair beyond the root that the slope points at."""
+def _following(solution: GridSolution, last: GridSolution | None, tolerance: float, low: float, high: float) -> float:
+    """The next time to try: a hair beyond the root that the slope points at, of the costate or, where slopes of the input are limited and
+    have their part in it, of the solution before."""
     time, off = solution.maneuver_time, -math.log(max(solution.fraction, 1e-300))
     exponent = exponent_of(solution)
+    if last is not None and solution.problem.sloped and abs(math.log(time / last.maneuver_time)) > NOISE:
+        seen = math.log(max(solution.fraction, 1e-300) / max(last.fraction, 1e-300)) / math.log(time / last.maneuver_time)
+        exponent = seen if seen > 0.0 else exponent
     ratio = math.exp(min(max((math.log1p(tolerance / 2) + off) / exponent, -1.0), 1.0)) if exponent > 1e-6 else (1.5 if off > 0 else 0.75)
     following = time * ratio
     if low < following < high:
@@ -177,11 +184,13 @@ def worst_places(posed: Problem, instants: Reals, levels: Reals, factor: float) 
     box, residuals = posed.maneuver.box, posed.residuals
     assert box is not None
     assert residuals is not None
-    command, allowed = Staircase.of(instants, levels, posed.hold), residuals.allowed * factor
+    command, allowed = Staircase.of(instants, levels, posed.hold, posed.sloped), residuals.allowed * factor
     if isinstance(box.family, Listed):
         samples = ((place, Sample.of(place, plant, posed.hold)) for place, plant in box.family.plants)
         return [
-            place for place, sample in samples if sample.peaks(sample.table(instants) @ levels - sample.rest, allowed)[1].max() > allowed
+            place
+            for place, sample in samples
+            if sample.peaks(sample.table(instants, posed.sloped) @ levels - sample.rest, allowed)[1].max() > allowed
         ]
     sides = [np.linspace(float(a.low), float(a.high), _fine(box)) if a.high > a.low else np.array([float(a.low)]) for a in box.axes]
     sizes = _scan(box, posed).sizes(command, PERIODS, allowed).reshape([len(side) for side in sides])

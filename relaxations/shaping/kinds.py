@@ -24,6 +24,7 @@ from relaxations.shaping.insensitive import specified
 from relaxations.shaping.least_durations import Remnant, least_duration
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.pulses import at_intervals, pulsed
+from relaxations.shaping.ranges import humped_ranges
 from relaxations.shaping.requests import Least, Made, Request
 from relaxations.shaping.sampled import Sampled, sampled
 from relaxations.shaping.shapers import Shaper, as_pulses, convolve
@@ -50,6 +51,7 @@ class Kind:
     takes: frozenset[str] = frozenset()
     needs: frozenset[str] = frozenset()
     zeros: Callable[[Request, int], tuple[tuple[Mode, ...], int]] | None = None
+    apart: str = ""  # why there is no one solution for several modes, and what there is
 
 
 OPTIONS = ("negative", "sums", "sample_time", "simultaneous", "pulse", "height", "impulses", "deflection")
@@ -84,7 +86,7 @@ def _drawn_out(made: Made, width: float) -> Made:
     least = None
     if made.least and zeros and min(abs(np.expm1(turn) / turn) for turn in turns) > CLEAR:
         least = Least(math.nextafter(made.least.duration + width, 0.0), f"{made.least.among}, as pulses of one width")
-    return Made(as_pulses(made.shaper, width), least)
+    return Made(as_pulses(made.shaper, width), least, made.ranges)
 
 
 def find(name: str) -> tuple[Kind, int]:
@@ -99,7 +101,10 @@ def find(name: str) -> tuple[Kind, int]:
 def mistakes(kind: Kind, name: str, request: Request) -> list[tuple[str, str]]:
     """Options that this kind does not take, and those that it needs, each with what is wrong."""
     given = {option for option in OPTIONS if getattr(request, option) is not None and getattr(request, option) is not False}
-    wrong = [(option, f"says nothing about {name}; it is for {_takers(option)}") for option in sorted(given - kind.takes)]
+    wrong = [
+        (option, kind.apart if option == "simultaneous" and kind.apart else f"says nothing about {name}; it is for {_takers(option)}")
+        for option in sorted(given - kind.takes)
+    ]
     return wrong + [(option, f"is missing; {name} needs it") for option in sorted(kind.needs - given)]
 
 
@@ -159,6 +164,8 @@ def _least(lower: float | None, among: str, zeros: Sequence[Mode] = ()) -> Least
 
 
 def _humps(request: Request, number: int) -> Made:
+    if request.simultaneous and len(_different(request.modes)) > 1:
+        return _humps_at_once(request, number)
     humped = [extra_insensitive(mode, request.tolerance, number) for mode in request.modes]
     zeros = [zero for one in humped for zero in one.zeros]
     shaper = reduce(convolve, (one.shaper for one in humped))
@@ -167,6 +174,18 @@ def _humps(request: Request, number: int) -> Made:
     except SolverError:
         lower = None
     return Made(shaper, _least(lower, f"positive shapers that share {_own(humped, request.modes)}", zeros))
+
+
+def _humps_at_once(request: Request, number: int) -> Made:
+    """The shortest positive shaper that keeps the tolerance over the range of each mode's own humped one."""
+    bands = humped_ranges(request.modes, request.tolerance, number)
+    shortest = specified(tuple(dict.fromkeys(bands)))
+    what = f"positive shapers within {request.tolerance:g} over the range of each mode's own {_humps_of(number)}"
+    return Made(shortest.shaper, _least(shortest.lower, what), tuple(enumerate(bands)))
+
+
+def _humps_of(number: int) -> str:
+    return "ei" if number == 1 else f"{number}-hump-ei"
 
 
 def _unity_humps(request: Request, number: int) -> Made:
@@ -329,6 +348,10 @@ def _between_unity_humps(request: Request, number: int) -> tuple[tuple[Mode, ...
     return tuple(zero for mode in _different(request.modes) for zero in unity_magnitude(mode, request.tolerance, number).zeros), 0
 
 
+_PERIOD = (
+    "asks for what mzv is not: it is told by 3/4 of one mode's period, and several modes have several; without it one for each mode is "
+    "convolved, and zv with it is the shortest positive shaper of the same zeros"
+)
 _EITHER = frozenset({"simultaneous", "pulse"})
 _PULSE = frozenset({"pulse"})
 KINDS = (
@@ -336,9 +359,9 @@ KINDS = (
     Kind("none", "none", "unshaped: one impulse at once", _unshaped, frozenset(OPTIONS)),
     Kind("zv, zvd, zvdd, zv-d:N", r"zv(?:(?P<d>d*)|-d:(\d+))", "zero vibration, and N derivatives of it", _derivatives,
          _EITHER | {"sample_time"}, zeros=_all),
-    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps, _PULSE,
+    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps, _EITHER,
          zeros=_between_humps),
-    Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE, zeros=_once),
+    Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE, zeros=_once, apart=_PERIOD),
     Kind("si", "si", "the shortest within the tolerance over the band", _insensitive, _EITHER),
     Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity, _EITHER, zeros=_all),
     Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _PULSE,

@@ -27,6 +27,8 @@ FAINT = 1e-6  # an amplitude that is none: the optimum is degenerate
 STEPS = 40
 CLOSED = 1e-12  # of equations of order one
 DIFFERENCE = 1e-7  # of unknowns of order one: the Jacobian is then as exact as Newton's method needs
+ALIKE, DEPENDENT = 1e3, 1e13  # condition of demands from which they are told apart, and to which doubles can
+FINE = 401  # instants at which they are compared
 LONGEST = 0.3  # a step that is longer leaves what the grid has found
 
 
@@ -65,6 +67,23 @@ def rows(demands: Sequence[Demand], instants: Reals, duration: float) -> Complex
     return ((since / units) ** power * np.exp(kappa * omega * since)).astype(np.complex128)
 
 
+def apart(demands: Sequence[Demand], columns: Complexes) -> Complexes:
+    """W (m, m), with which close demands are told apart: `W rows` stand for the same set of demands, their multipliers are `W^H y'`.
+
+    Vibrations of close modes vanish together or nearly so: their rows are made orthonormal (and of order one) where their condition
+    is worse than `ALIKE`. Rows with tolerances stay as they are.
+    """
+    whole = np.eye(len(demands), dtype=np.complex128)
+    exact = [i for i, d in enumerate(demands) if not d.tolerance]
+    if len(exact) > 1:
+        _, triangle = np.linalg.qr(columns[exact].conj().T)
+        triangle = triangle / math.sqrt(columns.shape[1])
+        sizes = np.linalg.svd(triangle, compute_uv=False)
+        if sizes[-1] * ALIKE < sizes[0] < sizes[-1] * DEPENDENT:
+            whole[np.ix_(exact, exact)] = np.linalg.inv(triangle.conj().T)
+    return whole
+
+
 def vanishing(demand: Demand, weight: complex) -> Condition:
     """What the proof takes of a demand whose vibration vanishes: derivatives by frequency, not in its unit of time."""
     weight /= (demand.frequency * demand.unit) ** demand.power
@@ -85,6 +104,8 @@ def polished(start: Extremal, duration: float | None = None) -> Extremal | None:
     inner = [i for i, d in enumerate(start.demands) if d.inner]
     scaled = [replace(d, frequency=d.frequency * unit, unit=d.unit / unit) for d in start.demands]
     fixed = None if duration is None else duration / unit
+    ends = start.times[-1] / unit
+    turned = apart(scaled, rows(scaled, np.linspace(0.0, ends, FINE), ends))
 
     def parts(x: Reals) -> tuple[Reals, float, Reals, Complexes, float, list[Demand]]:
         end, excess = (float(x[n - 2]), 0.0) if fixed is None else (fixed, float(x[n - 2]))
@@ -105,8 +126,8 @@ def polished(start: Extremal, duration: float | None = None) -> Extremal | None:
         slope = (power / units * share ** np.maximum(power - 1, 0) + kappa * omega * share**power) * motion
         left, sizes = z @ amplitudes, np.abs(y)
         limits = np.array([d.tolerance for d in demands]) + excess
-        missed = left - limits * y / np.maximum(sizes, 1e-300)
-        course, rise = (y.conj() @ z).real, (y.conj() @ slope).real
+        missed = turned @ left - limits * y / np.maximum(sizes, 1e-300)
+        course, rise = (y.conj() @ turned @ z).real, (y.conj() @ turned @ slope).real
         tops = [(left[i].conjugate() * (kappa[i] * motion[i] * since) @ amplitudes).real / max(limits[i], 1e-9) for i in inner]
         return np.concatenate(
             [[amplitudes.sum() - 1.0, sizes.sum() - 1.0], missed.real, missed.imag, course - level, rise[1:-1], tops]
@@ -114,7 +135,9 @@ def polished(start: Extremal, duration: float | None = None) -> Extremal | None:
 
     times, level = start.times / unit, float(np.abs(start.multipliers) @ [d.tolerance for d in start.demands])
     own = times[-1] if fixed is None else start.excess
-    guess = np.concatenate([times[1:-1], [own], start.amplitudes, start.multipliers.real, start.multipliers.imag, [level]])
+    weights = np.linalg.solve(turned.conj().T, start.multipliers)
+    weights /= max(float(np.abs(weights).sum()), 1e-300)
+    guess = np.concatenate([times[1:-1], [own], start.amplitudes, weights.real, weights.imag, [level]])
     found = _newton(system, np.concatenate([guess, [scaled[i].frequency for i in inner]]))
     if found is None:
         return None
@@ -123,7 +146,7 @@ def polished(start: Extremal, duration: float | None = None) -> Extremal | None:
         return None
     freed = tuple(replace(d, frequency=moved.frequency / unit if d.inner else d.frequency)
                   for d, moved in zip(start.demands, demands, strict=True))  # fmt: skip
-    return Extremal(times * unit, amplitudes, freed, y, excess)
+    return Extremal(times * unit, amplitudes, freed, turned.conj().T @ y, excess)
 
 
 def _newton(system: Callable[[Reals], Reals], start: Reals) -> Reals | None:

@@ -38,13 +38,21 @@ def insensitivity(times: ArrayLike, amplitudes: ArrayLike, frequency: float, dam
 
     Raises `ShaperError` for a sequence of more than `LONGEST` periods.
     """
+    low, high = insensitive_range(times, amplitudes, frequency, damping, level, order)
+    return high - low
+
+
+def insensitive_range(
+    times: ArrayLike, amplitudes: ArrayLike, frequency: float, damping: float, level: float, order: int = 0
+) -> tuple[float, float]:
+    """The ends of that interval, both 1 if the residual is more at 1. Raises `ShaperError` as `insensitivity` does."""
     duration = float(np.ptp(np.asarray(times, dtype=float)))
 
     def excess(relative: float) -> float:
         return float(residual(times, amplitudes, relative * frequency, damping, order)[0]) - level
 
     if excess(1.0) > 1e-12 * level:  # some shapers reach the level exactly at 1
-        return 0.0
+        return 1.0, 1.0
     # The curve's finest feature has a width of about one over the number of periods that the sequence lasts.
     periods = duration * frequency / (2 * np.pi)
     if periods > LONGEST:
@@ -61,7 +69,7 @@ def insensitivity(times: ArrayLike, amplitudes: ArrayLike, frequency: float, dam
         return 1.0 if first == 0 else _crossing(excess, float(grid[first - 1]), float(grid[first]))
 
     low = edge(0.0)
-    return edge(FARTHEST) - (low if low > 1e-9 else 0.0)
+    return (low if low > 1e-9 else 0.0), edge(FARTHEST)
 
 
 def step_response(times: ArrayLike, amplitudes: ArrayLike, frequency: float, damping: float, instants: ArrayLike, order: int = 0) -> Reals:
