@@ -62,7 +62,7 @@ def test_coefficients_and_their_derivatives(seed: int) -> None:
         assert fraction(members.valued(given, numbers, derivative)) == expected
         lowest, highest = members.member(box, numbers, "numerator", derivative)
         assert (fraction(lowest), fraction(highest)) == (3 if derivative is None else 0, expected)
-        over = members.valued(given, [arb(x, 0.25) for x in numbers], derivative)
+        over = arb(members.valued(given, [arb(x, 0.25) for x in numbers], derivative))
         for shift in (Fraction(-1, 4), Fraction(0), Fraction(1, 4)):
             assert over.contains(exact(polynomial(terms, [x + shift for x in place], derivative)))
     assert members.valued([], [], None) == 0
@@ -93,7 +93,7 @@ def boxed(
     nominal = [Fraction(r[0]) for r in ranges]
     head = polynomial(denominator[0], nominal)
     plant = [[str(polynomial(t, nominal) / head) for t in side] for side in (numerator, denominator)]
-    of = task(*plant, limits=("-100", "100"), **others)
+    of = task(plant[0], plant[1], limits=("-100", "100"), **others)
     written = [[[[str(c), [*powers]] for c, powers in terms] for terms in side] for side in (numerator, denominator)]
     parameters = [{"name": f"k{i}", "nominal": n, "low": low, "high": high} for i, (n, low, high) in enumerate(ranges)]
     final = None if share is None else str(share)
