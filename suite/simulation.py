@@ -15,19 +15,19 @@ from fmus.plans import Misfit, grid_step, interface_of
 from fmus.stepping import Experiment, Interface, LogLine, Outcome, RunStatus, samples
 from fmus.workers import Worker
 from relaxations.commands import Command
-from relaxations.errors import CommandError, PlantError
+from relaxations.errors import PlantError
 from relaxations.plants import LinearPlant
 from relaxations.response import response
-from reports import logs
+from reports import files, logs
 from suite import schema
 from suite.campaign import measure, natural_step
-from suite.command_files import command_of
 from suite.errors import SuiteError
 from suite.evidence import number
 from suite.observations import Channel, Setting, Subject, observe, record, thinned, with_verdict
 from suite.plants import linear_plant
 from suite.quantities import Facts, window
 from suite.quantity_names import Quantity
+from suite.sources import read_command
 from suite.study import FmuPlant, Plant
 from suite.study_plant import understand_plant
 from suite.verdicts import Measured, Verdict
@@ -107,7 +107,7 @@ def simulate(asked: Request, log: Path | None = None, convergence: bool = False)
 
     Raises `SimulationError` for a request that cannot be carried out, before anything is run.
     """
-    command = _command(asked.command)
+    command = read_command(asked.command)
     plant, fmu = _plant(asked)
     has = fmu.archive.description
     try:
@@ -131,6 +131,8 @@ def simulate(asked: Request, log: Path | None = None, convergence: bool = False)
         step=setting.step,
         interface=asked.interface,
     )
+    if log is not None:
+        files.ready(log)
     with Worker() as worker:
         outcome = worker.run(experiment, asked.timeout)
         finer = worker.run(experiment.refined(), asked.timeout) if grid is None and outcome.status.complete else outcome
@@ -161,15 +163,6 @@ def simulate(asked: Request, log: Path | None = None, convergence: bool = False)
         table,
         log,
     )
-
-
-def _command(path: Path) -> Command:
-    try:
-        return command_of(path.read_text(encoding="utf-8"))
-    except UnicodeDecodeError:
-        raise SimulationError(f"{path} is no text file; a command file is JSON") from None
-    except CommandError as problem:
-        raise SimulationError(f"{path}: {problem}") from None
 
 
 def _plant(asked: Request) -> tuple[Plant, FmuPlant]:
