@@ -31,7 +31,7 @@ class SourceError(SuiteError):
 
 
 def read_command_or_shaper(path: Path, formats: tuple[str, ...] = (commands.FORMAT, shapers.FORMAT)) -> Command | Shaper:
-    """A file of one of the `formats`; of what `slewcert bound --json` printed the command, of a spline file lines. Raises `SourceError`, `OSError`."""
+    """A file of one of the `formats`; of what `slewcert bound --json` printed the command, of a spline lines. Raises `SourceError`."""
     what = " or ".join({commands.FORMAT: "command", shapers.FORMAT: "shaper"}[name] for name in formats) + " file"
     if path.is_dir():
         raise SourceError(f"{path} is a folder, not a {what}")
