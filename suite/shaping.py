@@ -22,6 +22,8 @@ from relaxations.shaping.shapers import Shaper
 from suite.decays import Measured, measured_decay
 from suite.errors import SuiteError
 from suite.shaper_moves import Moved, moved
+from suite.shaper_references import ShapedReference
+from suite.sources import read_shaper
 from suite.suggestions import did_you_mean
 from suite.values import split_mode
 
@@ -94,6 +96,7 @@ class Shaping:
     move: Moved | None = None
     ranges: tuple[Reach, ...] = ()
     notes: tuple[str, ...] = ()
+    shaped: ShapedReference | None = None
 
     @property
     def worst(self) -> tuple[float, float]:
@@ -132,7 +135,8 @@ class Shaping:
             "ranges": [reach.to_dict() for reach in self.ranges],
             "notes": list(self.notes),
         }
-        return record if self.move is None else {**record, "move": self.move.to_dict()}
+        further = {"move": self.move, "shaped": self.shaped}
+        return {**record, **{name: made.to_dict() for name, made in further.items() if made is not None}}
 
 
 def design(asked: Asked, further: Sequence[str] = ()) -> Shaping:
@@ -283,10 +287,10 @@ def band_of(text: str, tolerance: float) -> tuple[float, float, float]:
 def impulses_of(text: str) -> Shaper:
     """A shaper that is given: the path of its file, or "0:0.5,0.49:0.5", instants [s] and amplitudes.
 
-    Raises `ValueError`, `OSError`, `ShaperError`.
+    Raises `ValueError`, `OSError`, `ShaperError`, `SourceError`.
     """
     if text.endswith(".json"):
-        return Shaper.from_json(Path(text).read_text(encoding="utf-8"))
+        return read_shaper(Path(text))
     try:
         pairs = [tuple(map(float, pair.split(":"))) for pair in text.split(",")]
         times, amplitudes = zip(*((time, amplitude) for time, amplitude in pairs), strict=True)
