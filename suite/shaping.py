@@ -22,6 +22,7 @@ from relaxations.shaping.shapers import Shaper
 from suite.decays import Measured, measured_decay
 from suite.errors import SuiteError
 from suite.shaper_moves import Moved, moved
+from suite.sources import read_shaper
 from suite.suggestions import did_you_mean
 from suite.values import split_mode
 
@@ -280,10 +281,10 @@ def band_of(text: str, tolerance: float) -> tuple[float, float, float]:
 def impulses_of(text: str) -> Shaper:
     """A shaper that is given: the path of its file, or "0:0.5,0.49:0.5", instants [s] and amplitudes.
 
-    Raises `ValueError`, `OSError`, `ShaperError`.
+    Raises `ValueError`, `OSError`, `ShaperError`, `SourceError`.
     """
     if text.endswith(".json"):
-        return Shaper.from_json(Path(text).read_text(encoding="utf-8"))
+        return read_shaper(Path(text))
     try:
         pairs = [tuple(map(float, pair.split(":"))) for pair in text.split(",")]
         times, amplitudes = zip(*((time, amplitude) for time, amplitude in pairs), strict=True)
