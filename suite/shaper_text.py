@@ -47,6 +47,11 @@ def shaper_lines(done: Shaping) -> Iterator[str]:
         yield f"worst residual vibration over mode {reach.mode}'s own range, {box}: {sides}: proved (tolerance {reach.band.tolerance:g})"
     if done.move is not None:
         yield from move_lines(done.move)
+    if done.shaped is not None:
+        made = done.shaped
+        what = made.reference.kind if made.degree is None else f"{made.reference.kind}, pieces of degree {made.degree}"
+        jumps = f"a derivative jumps at {made.communication_points} instants"
+        yield f"shaped {what}: {made.begin:.10g} to {made.end:.10g} s, {jumps}: {made.file}"
 
 
 def move_lines(done: Moved) -> Iterator[str]:

@@ -22,6 +22,7 @@ from relaxations.shaping.shapers import Shaper
 from suite.decays import Measured, measured_decay
 from suite.errors import SuiteError
 from suite.shaper_moves import Moved, moved
+from suite.shaper_references import ShapedReference
 from suite.sources import read_shaper
 from suite.suggestions import did_you_mean
 from suite.values import split_mode
@@ -94,6 +95,7 @@ class Shaping:
     deflection: tuple[float, float] | None = None
     move: Moved | None = None
     ranges: tuple[Reach, ...] = ()
+    shaped: ShapedReference | None = None
 
     @property
     def worst(self) -> tuple[float, float]:
@@ -131,7 +133,8 @@ class Shaping:
             "bands": [reach.to_dict() for reach in self.reaches],
             "ranges": [reach.to_dict() for reach in self.ranges],
         }
-        return record if self.move is None else {**record, "move": self.move.to_dict()}
+        further = {"move": self.move, "shaped": self.shaped}
+        return {**record, **{name: made.to_dict() for name, made in further.items() if made is not None}}
 
 
 def design(asked: Asked, further: Sequence[str] = ()) -> Shaping:
