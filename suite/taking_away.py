@@ -10,7 +10,7 @@ from typing import Any
 
 from fmus.archives import Fmu, open_archive
 from fmus.blocks import HISTORY, Block, Signal, command_block, model_name, shaper_block
-from fmus.build import locate, shipped
+from fmus.build import is_shipped, locate, shipped
 from fmus.compiling import FmiVersion, has_zig
 from fmus.descriptions import Variable
 from fmus.exporting import Exported, export, targets
@@ -90,9 +90,9 @@ def take_away(source: Path, wanted: Wanted) -> Taken:
 def plant_path(name: str, fmi: str | None = None) -> Path:
     """The file of an FMU: a path, or a plant shipped here, which is built if it has to be; `SuiteError` for neither."""
     plants = shipped()
-    if name in plants:
+    if "." not in name and is_shipped(name):
         return locate(name if fmi is None else f"{name}.fmi{fmi}")
-    if name.partition(".")[0] in plants and not Path(name).exists():
+    if is_shipped(name) and not Path(name).exists():
         return locate(name)
     if not Path(name).exists():
         raise SuiteError(f"{name} is no file, and the plants shipped here are {', '.join(plants)}{did_you_mean(name, plants)}")
