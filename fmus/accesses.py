@@ -42,6 +42,29 @@ class Group:
     """Whether what is read is a row as it comes."""
 
 
+@dataclass(frozen=True, slots=True)
+class BareStep:
+    """`function(*arguments)` takes a step from `time` over `size` [s]; whatever else it tells than OK is in `ended`, which is 0 if it is
+    nothing. All are C values made once: turning Python's into them would cost a third of a call.
+    """
+
+    function: Callable[..., int]
+    arguments: tuple[object, ...]
+    time: ctypes.c_double
+    size: ctypes.c_double
+    ended: ctypes.c_uint64
+
+
+@dataclass(frozen=True, slots=True)
+class BareRead:
+    """`function(*arguments)` reads a row to the address that `place` holds."""
+
+    name: str
+    function: Callable[..., int]
+    arguments: tuple[object, ...]
+    place: ctypes.c_void_p
+
+
 def driven(kind: str, reference: int, element: Sequence[int], others: Sequence[float], type_of: TypeOf) -> Driven:
     """One variable, or of an array the `element` (size, place) among `others` (size,), which keep their values."""
     suffix, ctype = type_of(kind)
@@ -75,3 +98,9 @@ def _group(variables: Sequence[Typed], kind: str, columns: list[int], type_of: T
 def cell(ctype: Number, value: float) -> float:
     """The value as a variable of that type takes it."""
     return value if ctype is c_double or ctype is ctypes.c_float else round(value)
+
+
+@lru_cache(maxsize=16)
+def texts(words: tuple[str, ...]) -> ctypes.Array[ctypes.c_char_p]:
+    """The words as C has them."""
+    return (ctypes.c_char_p * len(words))(*(word.encode() for word in words))

@@ -8,6 +8,7 @@ differences do (`fmus.differences`).
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
 from itertools import pairwise
 
@@ -43,6 +44,14 @@ class Bench:
         self.fixed = (has.fixed_internal_step or point.step) if has.one_step else None
         self._worker, self._timeout = worker, timeout
         self.trouble = ""
+        self._began = time.monotonic()
+        self.only: float | None = None
+        """The one amplitude that the FMU takes, if there is only one: thrusters, relays and valves are on or off."""
+
+    @property
+    def spent(self) -> float:
+        """Wall-clock time since its beginning [s]."""
+        return time.monotonic() - self._began
 
     def sampling(self, step: float) -> float:
         """The sampling time nearest to `step` that the FMU can take [s]."""
@@ -76,8 +85,9 @@ class Bench:
         return Record(above[0], starts, levels, (above[1] - below[1]) / 2.0)
 
     def pulse(self, step: float, samples: int, area: float) -> Record | None:
-        """The response to a pulse of one sample."""
-        return self.respond(np.array([0.0, step]), np.array([area / step, 0.0]), step, samples * step)
+        """The response to a pulse of one sample, of this area where the FMU takes it."""
+        level = area / step if self.only is None else self.only
+        return self.respond(np.array([0.0, step]), np.array([level, 0.0]), step, samples * step)
 
     def amplitude(self, step: float, samples: int, given: float | None) -> tuple[float, float, Reals]:
         """The amplitude of a pulse of one sample whose response is least wrong, how much that may be of its largest value, and the response
@@ -86,8 +96,10 @@ class Bench:
         ladder = AMPLITUDES if given is None else (given / self.size / RATIO, given / self.size)
         rungs: list[tuple[float, Reals]] = []
         jumps: list[float] = []
+        self.only, refused = None, [False, False]  # smaller ones than those that it takes, larger ones
         for factor in ladder:
             found = self.pulse(step, samples, factor * self.size * step)
+            refused[bool(rungs)] |= found is None
             if found is None and rungs:
                 break
             if found is None or not found.size:
@@ -99,6 +111,8 @@ class Bench:
         largest = max((float(np.abs(response).max()) for _, response in rungs), default=0.0)
         if largest == 0.0:
             raise LinearizationError(f"{self.fmu.path.name} cannot be identified: {self.trouble or self._silent(samples * step)}")
+        if len(rungs) == 1 and all(refused):
+            self.only = rungs[0][0]
         if given is not None or not jumps:
             return rungs[-1][0], jumps[-1] / largest if jumps else math.inf, rungs[-1][1]
         floors = [float(np.finfo(float).eps * np.abs(response).max()) for _, response in rungs]
@@ -123,6 +137,8 @@ class Bench:
         held = levels[np.maximum(np.searchsorted(starts, pulse.times, side="right") - 1, 0)] * (pulse.times >= starts[0])
         expected = float(np.abs(np.convolve(held, pulse.output / pulse.levels[0])[: len(held)]).max())
         levels = levels * (pulse.size / expected if expected > 0.0 else pulse.levels[0])
+        if self.only is not None:
+            levels = self.only * np.sign(levels)
         return self.respond(starts, levels, fine, length)
 
     def moves(self, step: float, length: float) -> tuple[Reals, Reals, float]:

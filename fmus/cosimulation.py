@@ -71,6 +71,8 @@ def _attempt(request: Request, raw: bytes, messages: Messages, copies: bool) -> 
         code = load(request["loop"]) if request["loop"] and not (supply or copies) else None
         if code is not None:
             _compiled(code, instance, request, stepping, columns, groups, progress)
+        elif not (supply or copies or request["ramps"]) and len(groups) == 1 and groups[0].straight:
+            _bare(instance, request, stepping, columns, groups[0], progress)
         else:
             _interpreted(stepping, supply, columns, read, progress)
         instance.terminate()
@@ -88,7 +90,13 @@ def _spans(n: int, ramps: bool) -> list[tuple[int, int]]:
     return [(0, n), *((n + i * (n - 1), n + (i + 1) * (n - 1)) for i in range(3 if ramps else 2))]
 
 
-def _interpreted(stepping: _Stepping, supply: _Supply | None, columns: list[array[float]], read: Reader, progress: Progress) -> None:
+def _interpreted(
+    stepping: _Stepping,
+    supply: _Supply | None,
+    columns: list[array[float]],
+    read: Reader,
+    progress: Progress,
+) -> None:
     """The loop in Python."""
     times, sizes, levels = columns[:3]
     slopes = columns[3] if len(columns) > 3 else None
@@ -101,6 +109,34 @@ def _interpreted(stepping: _Stepping, supply: _Supply | None, columns: list[arra
         stepping.advance(times[i], sizes[i])
         read(i + 1)
         progress.count.value = i + 2
+
+
+def _bare(instance: Instance, request: Request, stepping: _Stepping, columns: list[array[float]], group: Group, progress: Progress) -> None:
+    """The same where every row is one call and the input holds between its jumps: no more is done in Python than the calls themselves."""
+    times, sizes, levels = columns[:3]
+    one, row, count = instance.bare_step(), instance.bare_read(group), progress.count
+    step, step_arguments, time, size, ended = one.function, one.arguments, one.time, one.size, one.ended
+    read, read_arguments, place = row.function, row.arguments, row.place
+    stride, address, applied, due = 8 * len(request["outputs"]), progress.address, None, stepping.due
+    for i, (t, h, level) in enumerate(zip(times, sizes, levels, strict=False), 2):
+        if level != applied:
+            stepping.apply(t, level, 0.0)
+            applied, due = level, stepping.due
+        if due < t + h:
+            stepping.advance(t, h)
+            due = stepping.due
+        else:
+            time.value, size.value = t, h
+            status = step(*step_arguments)
+            if status or ended.value:
+                stepping.stepped(status, t, h)
+                due = stepping.due
+        address += stride
+        place.value = address
+        status = read(*read_arguments)
+        if status:
+            instance.judge(row.name, status)
+        count.value = i
 
 
 def _compiled(
@@ -184,6 +220,11 @@ class _Stepping:
         self.event_time = float("inf")
         """The next event that the FMU has announced [s]."""
 
+    @property
+    def due(self) -> float:
+        """Before which time [s] a step has to end, for the next event."""
+        return self.event_time if self._divisible else float("inf")
+
     def begin(self, read: Callable[[int], None]) -> None:
         """Read the first row; out of the event mode that initialisation ends in."""
         if self._events:
@@ -215,8 +256,7 @@ class _Stepping:
         """From `start` over `size` [s], in one step if the FMU takes it."""
         if self._keep:
             self._keep()
-        timely = self.event_time >= start + size or not self._divisible
-        stopped = self._step(start, size) if timely else Interruption(start)
+        stopped = self._step(start, size) if self.due >= start + size else Interruption(start)
         if stopped is not None:
             self._resume(start, size, stopped)
 

@@ -11,18 +11,18 @@ from __future__ import annotations
 
 import ctypes
 import math
-import os
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from ctypes import POINTER, byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from fmus.accesses import Driven, Group, Number, Typed, cell, driven, grouped
+from fmus.accesses import BareRead, BareStep, Driven, Group, Number, Typed, cell, driven, grouped, texts
 from fmus.errors import CallFailed, DescriptionError, FmuError
 from fmus.events import Discrete, Interruption, Steps
+from fmus.loaded import loaded
 
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription, ModelVariable
@@ -90,6 +90,10 @@ class Instance(ABC):
         """A function (t, h) that steps from t to t + h [s]; None if that was all."""
 
     @abstractmethod
+    def bare_step(self) -> BareStep:
+        """A step as a call of C; what comes of it is judged by `stepped`, unless it returns 0 and tells nothing."""
+
+    @abstractmethod
     def stepped(self, status: int, t: float, h: float) -> Interruption | None:
         """What a step from t to t + h [s] came to whose C function returned `status`; raises for one that cannot be mended."""
 
@@ -111,7 +115,7 @@ class Instance(ABC):
 
     def log_trouble(self, categories: Sequence[str]) -> None:
         """Ask for messages of those categories that explain a status; without this many FMUs stay silent."""
-        if wanted := _names(tuple(name for name in categories if name.startswith("logStatus"))):
+        if wanted := texts(tuple(name for name in categories if name.startswith("logStatus"))):
             self.function("SetDebugLogging")(self._handle, True, len(wanted), wanted)  # an FMU that cannot is no failure
 
     def exit_initialization(self) -> None:
@@ -209,6 +213,18 @@ class Instance(ABC):
 
         return copied
 
+    def bare_read(self, group: Group) -> BareRead:
+        """The call that reads a group of variables that are a row as they come."""
+        place, name = c_void_p(), f"Get{group.suffix}"
+        arguments = (
+            c_void_p(self._handle),
+            group.references,
+            c_size_t(len(group.references)),
+            place,
+            *map(c_size_t, self._count(group.size)),
+        )
+        return BareRead(self.prefix + name, self.bare(name), arguments, place)
+
     def settle(self) -> Discrete:
         """Iterate an event until nothing changes any more; what changed on the way is kept."""
         total = Discrete()
@@ -290,6 +306,11 @@ class Instance(ABC):
             self._functions[full] = found
         return found
 
+    def bare(self, name: str) -> Callable[..., int]:
+        """The C function as it is, to be called with C values only: nothing is checked or converted."""
+        self.function(name)  # which says so if there is none
+        return self._library[self.prefix + name]
+
     def received(self, status: int, message: bytes | None) -> None:
         """Pass on a log message of the FMU."""
         text = (message or b"").decode("utf-8", "replace").rstrip("\n")
@@ -343,29 +364,7 @@ class Instance(ABC):
         self._handle = handle
 
 
-@lru_cache(maxsize=16)
-def _names(names: tuple[str, ...]) -> ctypes.Array[c_char_p]:
-    return (c_char_p * len(names))(*(name.encode() for name in names))
-
-
 _LETTERS = dict(v=c_void_p, s=c_char_p, d=c_double, i=c_int, b=c_bool, z=c_size_t, r=POINTER(c_uint))  # noqa: C408 - reads as a table
-
-
-@cache
-def loaded(library: Path) -> tuple[ctypes.CDLL, dict[str, Callable[..., int]], dict[str, int]]:
-    """A shared library, which stays loaded, its functions with their prototypes and addresses, as far as they have been asked for."""
-    return load(library), {}, {}
-
-
-def load(library: Path) -> ctypes.CDLL:
-    """Load a shared library; `FmuError` says what the system's loader says."""
-    try:
-        if sys.platform == "win32":
-            os.add_dll_directory(str(library.parent))
-        return ctypes.CDLL(str(library))
-    except OSError as problem:
-        words = str(problem).replace(str(library), library.name)  # its folder is another one in every run
-        raise FmuError(f"the FMU's binary cannot be loaded: {words}") from None
 
 
 _formatted: dict[str, object] = {}

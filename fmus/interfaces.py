@@ -6,11 +6,12 @@ import ctypes
 import math
 import os
 from collections.abc import Callable, Sequence
-from ctypes import addressof, byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from ctypes import addressof, byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_uint64, c_void_p
 from functools import lru_cache
 from pathlib import Path
 from typing import ClassVar
 
+from fmus.accesses import BareStep
 from fmus.errors import FmuError
 from fmus.events import Discrete, Interruption, Steps
 from fmus.instances import Instance, Number, format_messages
@@ -102,6 +103,10 @@ class Instance2(Instance):
             return self.stepped(status, t, h) if status else None
 
         return step
+
+    def bare_step(self) -> BareStep:
+        time, size = c_double(), c_double()
+        return BareStep(self.bare("DoStep"), (c_void_p(self._handle), time, size, c_int(1)), time, size, c_uint64(0))
 
     def stepped(self, status: int, t: float, h: float) -> Interruption | None:
         if status == 2:
@@ -212,7 +217,9 @@ class Instance3(Instance):
     def instantiate(self, interface: str, steps: Steps | None = None) -> None:
         self._logger = _LOGGER3(lambda _environment, status, _category, message: self.received(status, message))
         logger = ctypes.cast(self._logger, c_void_p)
-        self.ended = c_bool(False), c_bool(False), c_bool(False), c_double(0.0)
+        self._flags = (c_bool * 8)()
+        event, terminate, early = (c_bool.from_buffer(self._flags, i) for i in range(3))
+        self.ended = event, terminate, early, c_double(0.0)
         # The standard wants a trailing separator, and NULL where there is no such folder.
         folder = os.path.join(self.resources, "").encode() if self.resources.is_dir() else None
         common = self.name, self.token, folder, False
@@ -260,6 +267,13 @@ class Instance3(Instance):
             return None
 
         return step
+
+    def bare_step(self) -> BareStep:
+        time, size = c_double(), c_double()
+        flags = (c_void_p(addressof(flag)) for flag in self.ended)
+        return BareStep(
+            self.bare("DoStep"), (c_void_p(self._handle), time, size, c_bool(True), *flags), time, size, c_uint64.from_buffer(self._flags)
+        )
 
     def stepped(self, status: int, t: float, h: float) -> Interruption | None:
         event, terminate, early = (flag.value for flag in self.ended[:3])

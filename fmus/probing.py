@@ -24,7 +24,9 @@ LOOKS = 3  # sampling times of the first look, each a sixteenth of the one befor
 SAMPLES = 400  # of a response: 20 periods of the fastest mode at 20 samples each; its Hankel matrix takes 10 ms
 WALK = 4  # ratio of neighbouring sampling times
 FARTHEST = 5  # how many of them are walked at most, in either direction
-LOOSE = 0.02  # error of a prediction, of its largest deviation, above which there is no model
+LOOSE = 0.01  # error of a prediction, of its largest deviation, above which there is no model
+PATIENT, ECHO = 16, 0.1  # records after a pulse in which nothing new may come, and what is new: so much of the largest response
+GIVE_UP = 25.0  # s of wall-clock time after which nothing more is tried as long as nothing has come near
 RESTLESS = 1e-3  # drift that the noise of an FMU may look like, at most
 
 
@@ -49,7 +51,10 @@ def identify_fmu(worker: Worker, fmu: Fmu, point: Experiment, probe: Probe | Non
     drift, y = bench.drift(float(pulse.times[1]), length)
     natural = float(np.abs(model.predict(Record(pulse.times, np.zeros(1), np.array([bench.size]), pulse.output))).max())
     drift = bench.require_rest(drift, natural, length, max(REST, min(10.0 * best.error, RESTLESS)))
-    return _linearization(bench, best, model, (unsure, drift, y))
+    late = _late(bench, best, model)
+    if late and asked.order is None:
+        raise LinearizationError(late)
+    return _linearization(bench, best, replace(model, notes=(*model.notes, late)) if late else model, (unsure, drift, y))
 
 
 def _first_look(bench: Bench, start: float, samples: int, asked: Probe) -> tuple[float, tuple[float, float, Reals]]:
@@ -61,7 +66,7 @@ def _first_look(bench: Bench, start: float, samples: int, asked: Probe) -> tuple
     for closer in range(1 if bench.fixed is not None or asked.step is not None else LOOKS):
         step = start / WALK ** (2 * closer)
         looks.append((step, bench.amplitude(step, samples, asked.amplitude)))
-        if looks[-1][1][1] <= LOOSE:
+        if looks[-1][1][1] <= LOOSE or bench.spent > GIVE_UP:
             break
     return min(looks, key=lambda look: look[1][1])
 
@@ -97,35 +102,65 @@ def _walk(bench: Bench, start: float, samples: int, area: float, asked: Probe) -
         good = [rung for rung, value in scores.items() if value <= max(SIMPLER * min(scores.values()), ENOUGH)]
         return min(good, key=lambda rung: (abs(rung), scores[rung]))
 
-    for rung in (0, 1, -1):
-        look(rung)
-    for _ in range(2 * FARTHEST):
+    look(0)
+    for tried in range(2 * FARTHEST):
         best = chosen()
         # Finer first where nothing fits at all: short runs are cheap.
         lost = score(best) > LOOSE and asked.order is None
-        beyond = [min(seen) - 1, max(seen) + 1] if lost else [best - 1, best + 1]
+        beyond = [1, -1] if tried < 2 else [min(seen) - 1, max(seen) + 1] if lost else [best - 1, best + 1]
         new = [rung for rung in beyond if rung not in seen and abs(rung) <= FARTHEST]
-        if score(best) <= ENOUGH or not new:
+        enough = tried > 1 and score(best) <= ENOUGH
+        if enough or not new or (lost and bench.spent > GIVE_UP):
             break
         look(new[0])
     best = chosen()
     found = seen[best]
-    if found is None or (found.error > LOOSE and asked.order is None):
-        raise LinearizationError(_hopeless(bench, [c for c in seen.values() if c is not None], start, samples))
+    if found is None or (score(best) > LOOSE and asked.order is None):
+        lengths = [samples * start * float(WALK) ** rung for rung in seen]
+        raise LinearizationError(_hopeless(bench, None if found is None else replace(found, error=score(best)), lengths, samples))
     return replace(found, error=score(best))
 
 
-def _hopeless(bench: Bench, found: list[_Candidate], start: float, samples: int) -> str:
+def _hopeless(bench: Bench, best: _Candidate | None, lengths: list[float], samples: int) -> str:
     words = f"{bench.fmu.path.name} could not be identified from pulses of {bench.point.input!r}"
-    if found:
-        best = min(found, key=lambda c: c.error)
-        return (
-            f"{words}: the best model, of order {best.model.weights.size} with samples every {best.pulse.times[1]:.3g} s, misses the "
-            f"response to another input by {best.error:.2g} of it; "
-            f"it is not linear there, or has more time scales than {samples} samples can hold"
-        )
-    poles = "every model has poles on the negative real axis of the sampled plant: a delay, too coarse a sampling, or noise"
-    return f"{words} sampled every {start:.3g} s and coarser or finer: {bench.trouble or poles}"
+    spans = " to ".join(f"{length:.3g}" for length in sorted({min(lengths), max(lengths)}))
+    gave_up = f" (given up after {bench.spent:.0f} s: its runs are slow)" if bench.spent > GIVE_UP else ""
+    if best is None:
+        poles = "every model has poles on the negative real axis of the sampled plant: a delay, too coarse a sampling, or noise"
+        return f"{words}, of which {samples} samples within {spans} s were taken: {bench.trouble or poles}{gave_up}"
+    step = float(best.pulse.times[1])
+    return (
+        f"{words}: the best model, of order {best.model.weights.size} with samples every {step:.3g} s, misses the response to moves "
+        f"within {spans} s by {best.error:.2g} of it (at most {LOOSE:g} is allowed). It is not linear there, has a "
+        f"delay, which is no pole, or more time scales than {samples} samples hold: another step or more samples may show them{gave_up}"
+    )
+
+
+def _late(bench: Bench, best: _Candidate, model: Model) -> str:
+    """What is to be said of an FMU that responds to a pulse more strongly than the model, after the record that the model comes from; "" if
+    it does not. What it does later than `PATIENT` records, nobody knows.
+    """
+    step, length, pulse = float(best.pulse.times[1]), float(best.pulse.times[-1]), best.pulse
+    if any(pole.value.real > 0.0 for pole in model.poles):
+        return ""
+    seen = bench.pulse(step, PATIENT * (len(pulse.times) - 1), float(pulse.levels[0]) * step)
+    if seen is None:
+        return ""
+    with np.errstate(over="ignore", invalid="ignore"):
+        foretold = np.abs(model.predict(seen))
+    for begin in np.arange(1, PATIENT) * length:
+        window = (seen.times > begin) & (seen.times <= begin + length)
+        there, allowed = np.abs(seen.output[window]), ECHO * max(pulse.size, float(foretold[window].max(initial=0.0)))
+        late = there > foretold[window].max(initial=0.0) + allowed
+        if late.any():
+            when = float(seen.times[window][late][0])
+            step = 4.0 * when / (len(pulse.times) - 1)
+            return (
+                f"{bench.fmu.path.name} responds to a pulse of {bench.point.input!r} again after {when:.3g} s, by "
+                f"{float(there.max()) / pulse.size:.2g} of its largest response within the {length:.3g} s that the model comes from: "
+                f"a delay, which is no pole, or slow dynamics; a step of the identification of {step:.3g} s looks longer"
+            )
+    return ""
 
 
 def _candidate(bench: Bench, step: float, samples: int, area: float, order: int | None, pool: list[Record]) -> _Candidate | None:

@@ -21,6 +21,7 @@ from relaxations.prices import NONE, Prices
 from relaxations.robust.boxes import Box, Family, Listed, Place, Polynomial
 from relaxations.robust.moved import Move, Moved
 from relaxations.transitions import VaryingPlant
+from relaxations.varying_courses import driven
 
 Number = Fraction | float
 Numbers = Sequence[Number] | NDArray[np.float64]
@@ -61,7 +62,7 @@ def task(problem: Problem) -> dict[str, Any]:
         plants.append({**written, "outputs": outputs, "zeros": _zeros(problem)})
     return {
         "plants": plants,
-        "schedule": varying and _schedule(varying),
+        "schedule": varying and _schedule(varying, [course.name for course in problem.courses]),
         "box": maneuver.box and _box(maneuver.box, list(maneuver.limits.deflection)),
         "displacement": text(maneuver.displacement),
         "initial_state": None if maneuver.initial is None else [text(x) for x in maneuver.initial],
@@ -83,10 +84,11 @@ def task(problem: Problem) -> dict[str, Any]:
     }
 
 
-def _schedule(plant: VaryingPlant) -> dict[str, Any]:
+def _schedule(plant: VaryingPlant, limited: Sequence[str]) -> dict[str, Any]:
     rows = {name: [[text(x) for x in row] for row in which] for name, which in (("B", plant.B), ("C", plant.C))}
     A = [[[text(x) for x in row] for row in matrix] for matrix in plant.A]
-    return {"instants": [text(t) for t in plant.instants], "A": A, **rows, "D": [text(d) for d in plant.D]}
+    outputs = {name: [[text(x) for x in row] for row in plant.rows[name]] for name in limited}
+    return {"instants": [text(t) for t in plant.instants], "A": A, **rows, "D": [text(d) for d in plant.D], "outputs": outputs}
 
 
 def _box(box: Box, names: Sequence[str]) -> dict[str, Any]:
@@ -133,7 +135,10 @@ def costate_witness(
     """The lower side's witness: `p(s) = Re Σ c_k s^k/k! e^{ps}`, complex coefficients at every pole; (instant, μ⁺, μ⁻) of the tail; μ of
     the fuel; the multipliers of courses."""
     plants, at = [], 0
-    if problem.transition is not None:  # its components are those of one chain
+    if problem.transition is not None:
+        if prices.pressed:  # which drive the costate from its begin on
+            costate = driven(np.array([float(x) for x in costate]), prices.pressed, np.zeros(1))[0]
+        # its components are those of one chain
         plants = [[{"near": ["0", "0"], "coefficients": [[text(x), "0"] for x in costate]}]]
     for target in problem.sets if problem.transition is None else ():
         chains = []

@@ -53,7 +53,7 @@ class Course:
     limit: float
     final: float
     begin: Reals
-    place: tuple[Fraction, ...] | None = None
+    place: tuple[Fraction, ...] | None
 
     @staticmethod
     def of(

@@ -98,7 +98,7 @@ class Equations:
 
 @dataclass(frozen=True, slots=True)
 class VaryingEquations(Equations):
-    """The same of a plant that varies, `∫ g v = x_ss`: t takes the place of time to go (`relaxations.transitions`)."""
+    """The same of a plant that varies, `∫ g v = x_ss - x_0`: t takes the place of time to go (`relaxations.transitions`)."""
 
     transition: Transition
 
@@ -141,8 +141,10 @@ def equations(problem: Problem, bits: int) -> Equations:
     """The equations of all plants, with roots of `bits` bits: the precision that must be set already."""
     maneuver, entries = problem.maneuver, []
     if problem.transition is not None:
-        plant = problem.transition.plant
-        state = arb_mat(plant.order, 1, [arb(rational(x)) for x in plant.rest(maneuver.displacement)[0]])
+        plant, begin = problem.transition.plant, maneuver.initial
+        rest = plant.rest(maneuver.displacement)[0]
+        away = rest if begin is None else [x - first for x, first in zip(rest, begin, strict=True)]
+        state = arb_mat(plant.order, 1, [arb(rational(x)) for x in away])
         return VaryingEquations((), (), state, arb_mat(plant.order, 0), (), Transition(plant, bits))
     zeros = roots_near(problem.tail.zeros, problem.plants[0].numerators[problem.plants[0].output], bits)
     roots: list[Root] = []

@@ -10,6 +10,7 @@ Where that is violated no admissible command is as short as T. A budget of fuel 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from relaxations.maneuvers import Problem
 from relaxations.prices import NONE, Prices
 from relaxations.ramps import bound as ramped
 from relaxations.ramps import slid as slid_ramps
+from relaxations.varying_courses import driven, gained
 
 Reals = NDArray[np.float64]
 
@@ -166,6 +168,8 @@ def lower_bound(
     `price` is what the multipliers of all limits but the input's add on the right of (2), `prices` are those of the fuel, outputs, slopes.
     With a sample time T_λ is a whole number of samples.
     """
+    if problem.transition is not None and (prices.pressed or prices.ramps):
+        return _varying(problem, costate, near, price, prices)
     if problem.maneuver.sample_time is not None:
         return _sampled(problem, costate, near, price, prices)
     if prices.pressed or (prices.ramps and problem.rate is not None):
@@ -226,8 +230,66 @@ def _followed(problem: Problem, costate: Reals, near: float, price: float, price
     return float(edges[at] + (edges[at + 1] - edges[at]) * left[at] / (left[at] - left[at + 1]))
 
 
+def _varying(problem: Problem, costate: Reals, near: float, price: float, prices: Prices) -> float:
+    """`_followed` of a plant that varies, or `_sampled` with multipliers of its outputs."""
+    step, first = problem.maneuver.sample_time, 0.0
+    if step is not None:
+        edges = problem.samples(round(near / float(step)) + 2)
+        points = edges
+    else:
+        edges = np.linspace(0.0, BEYOND * near, POINTS // 4 if prices.pressed else POINTS)
+        points = np.sort(np.concatenate([edges, (edges[1:] + edges[:-1]) / 2]))
+    away = problem.target
+    if prices.pressed:
+        begin, p, integral = driven(costate, prices.pressed, points)
+        gain = float(begin @ away) + gained(prices.pressed)
+    else:
+        p, integral, gain = costate @ problem.rows(points), costate @ problem.rows(points, 1), float(costate @ away)
+    fuel = float(prices.fuel)
+    if step is not None:
+        q = np.zeros(len(edges))
+        q[: len(prices.steps)] = prices.steps[: len(edges)]
+        first, pieces = float(q[0]), np.diff(integral) - np.diff(q)
+        pieces -= np.clip(pieces, -fuel * np.diff(edges), fuel * np.diff(edges))
+        total = np.concatenate([[0.0], np.cumsum(np.maximum(problem.upper * pieces, problem.lower * pieces))])
+        if problem.rate is not None:
+            total += np.cumsum(np.maximum(problem.rate[1] * q, problem.rate[0] * q)) * float(step)
+    elif prices.ramps and problem.rate is not None:
+        total, first = ramped(p, points, (problem.lower, problem.upper), problem.rate, fuel, prices.ramps, *prices.steps)
+        edges = points
+    else:
+        total = np.concatenate([[0.0], np.cumsum(_cells(problem, p, np.diff(edges), fuel))])
+    left = gain - price + first * problem.hold - total
+    refuted = np.flatnonzero(left > 0.0)
+    if not len(refuted):
+        return 0.0
+    at = int(refuted[-1])
+    if step is not None or at == len(edges) - 1:
+        return float(edges[min(at + 1, len(edges) - 1)])
+    return float(edges[at] + (edges[at + 1] - edges[at]) * left[at] / (left[at] - left[at + 1]))
+
+
+def _varying_costate(problem: Problem, costate: Reals, prices: Prices) -> tuple[Callable[[Reals], Reals], Callable[[Reals], Reals]]:
+    """p at any instants of a plant that varies, and 0 and its integrals between ascending ones."""
+
+    def p(points: Reals) -> Reals:
+        if not prices.pressed:
+            return costate @ problem.rows(points)
+        ordered, place = np.unique(points, return_inverse=True)
+        return driven(costate, prices.pressed, ordered)[1][place]
+
+    def whole(edges: Reals) -> Reals:
+        if not prices.pressed:
+            return np.concatenate([[0.0], np.diff(costate @ problem.rows(edges, 1))])
+        return np.concatenate([[0.0], np.diff(driven(costate, prices.pressed, edges)[2])])
+
+    return p, whole
+
+
 def slid(problem: Problem, costate: Reals, horizon: float, prices: Prices, most: float) -> Prices:
     """The multipliers of the slope with their ramps moved by at most `most` [s], as `ramps.slid` has it."""
+    if problem.transition is not None:
+        return replace(prices, ramps=slid_ramps(prices.ramps, *_varying_costate(problem, costate, prices), horizon, most))
     modal = np.array([float(value) for value in problem.modal(costate)])
     bases = [own.basis for own in problem.sets]
     parts = np.split(modal, np.cumsum([basis.size for basis in bases])[:-1])

@@ -69,7 +69,13 @@ def energy_time(problem: Problem, grid: Callable[[float], NDArray[np.float64]], 
 
 
 def first_guess(problem: Problem) -> float:
-    """A time [s] of the right order: what the rigid body alone needs, or the fastest pole's time constant, whichever is longer."""
+    """A time [s] of the right order: what the rigid body alone needs, or the fastest pole's time constant, whichever is longer.
+
+    Of a plant that varies as long as it does so.
+    """
+    if problem.transition is not None:
+        plant = problem.transition.plant
+        return max(float(plant.instants[-1]), 1.0 / plant.pace if plant.pace else 0.0) or 1.0
     strongest = max(abs(problem.lower), abs(problem.upper))
     guess = 0.0
     for target in problem.sets:

@@ -16,6 +16,7 @@ from relaxations.errors import ShortHorizonError
 from relaxations.maneuvers import Problem
 from relaxations.robust.residuals import Residuals
 from relaxations.tails import Looks
+from relaxations.varying_courses import VaryingCourse, varying_motion
 
 Reals = NDArray[np.float64]
 
@@ -79,7 +80,7 @@ def build(problem: Problem, instants: Reals, looks: Looks | None = None, inside:
     columns: Reals = np.linalg.solve(change.T, problem.tail.columns).astype(np.float64)
     moves = problem, instants, orthonormal.T, target, change, problem.lower, problem.upper, columns
     extra = looks.moving if looks else np.zeros((0, 2))
-    bent = motion(problem.courses, instants, extra, problem.sloped) if problem.courses else None, inside
+    bent = _motion(problem, instants, extra), inside
     if problem.residuals is not None:
         return _with_residuals(GridProgram(*moves, *_NO_LIMITS, *bent), problem.residuals, looks, inside)
     tail = problem.tail
@@ -99,6 +100,14 @@ def build(problem: Problem, instants: Reals, looks: Looks | None = None, inside:
     timed = np.tile(at.instants, len(units))
     caps = tuple(cap.at for cap in tail.caps)
     return GridProgram(*moves, timed, np.vstack([*shapes, faces]), above, below, bounds, caps, aspect, np.array(units)[aspect], *bent)
+
+
+def _motion(problem: Problem, instants: Reals, extra: Reals) -> Motion | None:
+    """The rows of the courses that are limited, at nodes and at `extra` places."""
+    varying = [course for course in problem.courses if isinstance(course, VaryingCourse)]
+    if varying:
+        return varying_motion(varying, instants, extra, problem.sloped)
+    return motion(problem.courses, instants, extra, problem.sloped) if problem.courses else None
 
 
 def _orthonormal(problem: Problem, instants: Reals) -> tuple[Reals, Reals, float]:

@@ -17,7 +17,7 @@ floats here.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -42,7 +42,8 @@ POINTS = 16  # of a step at which a costate is looked at
 class VaryingPlant:
     """`x' = A(t) x + B(t) u`, `y = C(t) x + D(t) u`, in deviations from rest, exact: one matrix each for every instant [s], the first 0.
 
-    Between two instants they are linear in t, after the last constant. `output` names y.
+    Between two instants they are linear in t, after the last constant. `output` names y, `outputs` are rows c(t) of other ones. `kept` are
+    the states as written, `states` by name, that the input moves at some time.
     """
 
     instants: tuple[Fraction, ...]
@@ -52,6 +53,9 @@ class VaryingPlant:
     D: tuple[Fraction, ...]
     output: str = "output"
     notes: tuple[str, ...] = field(default=())
+    outputs: Mapping[str, tuple[Row, ...]] = field(default_factory=dict)
+    kept: tuple[int, ...] = ()
+    states: tuple[str, ...] = ()
 
     @staticmethod
     def of(
@@ -61,8 +65,12 @@ class VaryingPlant:
         C: Sequence[Sequence[Exact]],
         D: Sequence[Exact] | None = None,
         output: str = "output",
+        outputs: Mapping[str, Sequence[Sequence[Exact]]] | None = None,
+        states: Sequence[str] = (),
     ) -> VaryingPlant:
-        """From numbers as written. States that the input moves at no time are dropped, as they stay at rest (see `notes`).
+        """From numbers as written; without `states` these are x[1], x[2] …
+
+        States that the input moves at no time are dropped, as they stay at rest (see `notes`).
 
         Raises `PlantError` if instants do not ascend from 0, sizes differ, or the input moves nothing.
         """
@@ -80,6 +88,9 @@ class VaryingPlant:
         kept = sorted(reached)
         if not kept:
             raise PlantError("the input moves no state")
+        for name, rows in (outputs or {}).items():
+            if len(rows) != len(times) or any(len(row) != n for row in rows):
+                raise PlantError(f"the output {name!r} has a row of {n} numbers for each of {len(times)} instants")
         notes = () if len(kept) == n else (f"{n - len(kept)} of {n} states are not moved by the input at any time and were dropped",)
         return VaryingPlant(
             times,
@@ -89,12 +100,41 @@ class VaryingPlant:
             tuple(through),
             output,
             notes,
+            {name: tuple(tuple(exact(c[i]) for i in kept) for c in rows) for name, rows in (outputs or {}).items()},
+            tuple(kept),
+            tuple(states) or tuple(f"x[{i}]" for i in range(1, n + 1)),
         )
 
     @property
     def order(self) -> int:
         """Number of states."""
         return len(self.B[0])
+
+    @property
+    def rows(self) -> dict[str, tuple[Row, ...]]:
+        """The outputs that may be limited, by name: the controlled one without feed-through, its rate, if it is such a row, and others."""
+        found = {self.output: self.C, "output": self.C} if not any(self.D) else {}
+        jumps = any(sum((c * b for c, b in zip(row, column, strict=True)), Fraction(0)) for row, column in zip(self.C, self.B, strict=True))
+        if found and len({*self.C}) == 1 and not jumps:
+            found["output_rate"] = tuple(
+                tuple(sum((c * row[j] for c, row in zip(self.C[0], A, strict=True)), Fraction(0)) for j in range(self.order))
+                for A in self.A
+            )
+        return found | dict(self.outputs)
+
+    def begun(self, state: Sequence[Exact] | Mapping[str, Exact]) -> Row:
+        """The states that the input moves, of a deviation from rest of all states, in order or by name; raises `PlantError`."""
+        shown = ", ".join(self.states)
+        if isinstance(state, Mapping):
+            if unknown := [name for name in state if name not in self.states]:
+                raise PlantError(f"the initial state names {', '.join(unknown)}; the states are {shown}")
+            state = [state.get(name, 0) for name in self.states]
+        if len(state) != len(self.states):
+            raise PlantError(f"the initial state has {len(state)} numbers; the states are {shown}")
+        numbers = [exact(x) for x in state]
+        if unmoved := [name for i, name in enumerate(self.states) if numbers[i] and i not in self.kept]:
+            raise PlantError(f"the plant begins with {', '.join(unmoved)} away from rest, which its input moves at no time")
+        return tuple(numbers[i] for i in self.kept)
 
     @cached_property
     def final(self) -> LinearPlant:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +18,17 @@ Reals = NDArray[np.float64]
 RELATIVE, ABSOLUTE = 1e-10, 1e-12  # tolerances, the second relative to what the input moves in a unit of time
 
 
-def varying_response(plant: VaryingPlant, command: Command, times: Reals, rest: float = 0.0, *, before: bool = False) -> Reals:
-    """Deviation of the output from its first rest value at `times` [s], ascending; the input rests at `rest` before the command.
+def varying_response(
+    plant: VaryingPlant,
+    command: Command,
+    times: Reals,
+    rest: float = 0.0,
+    *,
+    before: bool = False,
+    begin: Sequence[Fraction] | None = None,
+) -> Reals:
+    """Deviation of the output from its first rest value at `times` [s], ascending; the input rests at `rest` before the command, and the
+    states begin at deviations `begin` (none: at rest).
 
     Runge and Kutta's method of order 8, begun anew wherever the input jumps or the schedule has an instant.
     """
@@ -33,15 +44,16 @@ def varying_response(plant: VaryingPlant, command: Command, times: Reals, rest: 
 
     edges = np.unique([0.0, *command.breakpoints, *instants, *(times[-1:])])
     edges = edges[edges <= max(float(times[-1]), 0.0)] if len(times) else edges
-    state, scale = np.zeros(plant.order), float(np.abs(B).max()) or 1.0
-    states = np.zeros((plant.order, len(times)))
-    for begin, end in itertools.pairwise(edges):
-        piece = [p for p in command.pieces(rest) if p.start <= begin][-1]
-        inside = np.flatnonzero((times > begin) & (times <= end))
+    state = np.zeros(plant.order) if begin is None else np.array([float(x) for x in begin])
+    scale = float(np.abs(B).max()) or 1.0
+    states = np.repeat(state[:, None], len(times), axis=1)
+    for since, end in itertools.pairwise(edges):
+        piece = [p for p in command.pieces(rest) if p.start <= since][-1]
+        inside = np.flatnonzero((times > since) & (times <= end))
         wanted = np.unique(np.append(times[inside], end))
         found = solve_ivp(
             lambda t, x, piece=piece: at(A, t) @ x + at(B, t) * (piece(t) - rest),
-            (begin, end),
+            (since, end),
             state,
             method="DOP853",
             t_eval=wanted,

@@ -331,7 +331,7 @@ def _simulate(
     if sample.varying is None:
         linear = rest + response(sample.plant, subject.command, trajectory.times, rest=entry, before=True, begin=begin)
     else:
-        linear = rest + varying_response(sample.varying, subject.command, trajectory.times, entry, before=True)
+        linear = rest + varying_response(sample.varying, subject.command, trajectory.times, entry, before=True, begin=begin)
     return record(subject, setting, outcome, linear), outcome
 
 

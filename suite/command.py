@@ -21,6 +21,18 @@ AS_JSON = click.option("--json", "as_json", is_flag=True, help="Write one JSON o
 
 
 @contextmanager
+def search_errors() -> Iterator[None]:
+    """What was asked for rightly and not found: a message and exit code 1, as for what is impossible; nothing is claimed of it."""
+    from relaxations.errors import SolverError
+
+    try:
+        yield
+    except SolverError as problem:
+        click.echo(f"not found: {problem}", err=True)
+        sys.exit(FAILED)
+
+
+@contextmanager
 def user_errors() -> Iterator[None]:
     """A user's mistake becomes a message and exit code 2, never a traceback."""
     from fmus.errors import FmuError

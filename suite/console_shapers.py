@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rich.markup import escape
 from rich.table import Table
 
@@ -9,6 +11,12 @@ from suite.comparison import Comparison
 from suite.console import coloured, out, short
 from suite.shaper_text import shaper_lines
 from suite.shaping import Shaping
+
+
+def decimals(column: Sequence[float]) -> list[str]:
+    """Ten decimals, where they show what there is; else eleven digits."""
+    plain = not any(column) or 1e-3 <= max(map(abs, column)) < 1e7
+    return [f"{number:.10f}" if plain else f"{number:.11g}" for number in column]
 
 
 def show_shaper(done: Shaping) -> None:
@@ -19,8 +27,9 @@ def show_shaper(done: Shaping) -> None:
     for column in table.columns:
         column.justify = "right"
     pulses = [(pulse.start, pulse.width, pulse.height) for pulse in shaper.pulses]
-    for row in pulses or zip(shaper.times, shaper.amplitudes, strict=True):
-        table.add_row(*(f"{number:.10f}" for number in row))
+    columns = [decimals(column) for column in zip(*(pulses or zip(shaper.times, shaper.amplitudes, strict=True)), strict=True)]
+    for row in zip(*columns, strict=True):
+        table.add_row(*row)
     console.print(table)
     for line in shaper_lines(done):
         console.print(escape(line), soft_wrap=True)

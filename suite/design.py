@@ -14,7 +14,7 @@ from relaxations.errors import ManeuverError, PlantError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
-from relaxations.varying import varying_problem
+from relaxations.varying import resampled, varying_problem
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.plants import box, nominal_plant
 from suite.shaped import Shaped, shaped
@@ -152,9 +152,6 @@ def on_grid(study: Study, made: Design) -> Design:
         if samples.denominator != 1:
             why = f"is no multiple of the FMU's communication step, {step!r} s, and it takes steps of that size only"
             raise StudyError(str(study.file), [Mistake("limits.sample_time", asked, why)])
-    if study.plant.schedule is not None:
-        why = f"the FMU takes communication steps of {step!r} s only: commands on a grid are not designed for a plant that varies"
-        raise StudyError(str(study.file), [Mistake("plant.schedule", ABSENT, why)])
     given = study.command.kind in ("file", "shaper")
     try:
         if study.command.start:
@@ -167,7 +164,10 @@ def on_grid(study: Study, made: Design) -> Design:
         why = f"the FMU takes communication steps of one size only, but {trouble}"
         raise StudyError(str(study.file), [Mistake(place, ABSENT, why)]) from None
     try:
-        sampled = minimum_time(problem([made.plant], replace(made.problem.maneuver, sample_time=Fraction(repr(step)))))
+        grid = Fraction(repr(step))
+        varies = made.problem.transition is not None
+        posed = resampled(made.problem, grid) if varies else problem([made.plant], replace(made.problem.maneuver, sample_time=grid))
+        sampled = minimum_time(posed)
     except ManeuverError as refused:
         why = f"the FMU takes communication steps of {step!r} s only: {refused}"
         raise StudyError(str(study.file), [Mistake("command", ABSENT, why)]) from None

@@ -17,6 +17,7 @@ from relaxations.robust.boxes import Axis, Box, Family, Listed
 from relaxations.robust.moved import Move, moved, nominal
 from relaxations.robust.moved import axis as moved_axis
 from suite.errors import ABSENT, Mistake, StudyError
+from suite.linearised import linearised
 from suite.study import FmuPlant, ModalPlant, Plant, RootsPlant, StateSpacePlant, Study, TransferPlant
 from suite.varying import varying_plant
 
@@ -151,23 +152,11 @@ def _twin(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value]) -> Linea
 
 
 def _linearised(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value]) -> LinearPlant:
-    from fmus.linearization import linearize  # here, because it brings along what runs FMUs
-
     name = fmu.archive.path.name
     why = "as the study asks" if fmu.archive.twin is not None else "it brings no linear twin"
     try:
-        found = linearize(
-            fmu.archive,
-            plant.input,
-            plant.output,
-            {key: float(x) for key, x in parameters.items()},
-            initial_state={key: float(x) for key, x in fmu.initial_state.items()},
-            initial_input=float(plant.initial_input),
-            settle=fmu.settle,
-            step=fmu.step if fmu.archive.description.capabilities.one_step else None,  # others choose what suits the plant
-            method=fmu.method,
-            probe=fmu.identification,
-        )
+        # Where steps are of any size, what suits the plant is taken for it.
+        found = linearised(fmu, plant, parameters, step=fmu.step if fmu.archive.description.capabilities.one_step else None)
         found.require_rest(name)
         linear = found.plant(plant.output).plant
     except FmuError as problem:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+
+LONGEST = 30  # decimals; of what is smaller the power of ten is written
 
 
 def interval(sides: Sequence[float]) -> str:
@@ -12,9 +14,11 @@ def interval(sides: Sequence[float]) -> str:
 
 
 def outward(value: float | None, rounding: str) -> str:
-    """12 decimals, of small numbers 13 digits, rounded so that a bound stays one."""
+    """12 decimals, of small numbers 13 digits, of very small ones with their power of ten, rounded so that a bound stays one."""
     if value is None:
         return "–"
     exact = Decimal(value)
     decimals = max(12, 12 - exact.adjusted()) if exact < Decimal("0.1") and exact else 12
+    if decimals > LONGEST:
+        return f"{Context(prec=13, rounding=rounding).plus(exact):.12e}"
     return f"{exact.quantize(Decimal(1).scaleb(-decimals), rounding):f}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -73,14 +73,15 @@ def draw(done: Shaping, path: Path) -> None:
     write_atomically(path, picture(done).encode())
 
 
-def known(paths: Sequence[Path], of_a_move: Sequence[Path | None], move: float | None) -> None:
-    """Raises `SuiteError` for files whose ending says nothing of whom they are for, and for those of a move where there is none."""
+def mistakes(paths: Sequence[Path], of_a_move: Sequence[Path | None], move: float | None, pulses: bool) -> Iterator[str]:
+    """Files whose ending says nothing of whom they are for, those of a move where there is none, and exports of `pulses`."""
     if move is None and any(of_a_move):
-        raise SuiteError(f"{next(filter(None, of_a_move))}: it is a --move that has a command and a proof, and none is asked for")
+        yield f"{next(filter(None, of_a_move))}: it is a --move that has a command and a proof, and none is asked for"
     if unknown := [str(path) for path in paths if path.suffix not in EXPORTS]:
-        raise SuiteError(
-            f"{', '.join(unknown)}: the ending says for whom a shaper is written: .cfg for Klipper, .g for RepRapFirmware, .h for C"
-        )
+        endings = ".cfg for Klipper, .g for RepRapFirmware, .h for C"
+        yield f"--export {', '.join(unknown)}: the ending says for whom a shaper is written: {endings}"
+    if pulses and paths:
+        yield f"--export {', '.join(map(str, paths))}: firmware takes impulses, and this shaper is made of pulses; --save writes them"
 
 
 def export(done: Shaping, path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -23,8 +22,10 @@ from relaxations.shaping.shapers import Shaper
 from suite.decays import Measured, measured_decay
 from suite.errors import SuiteError
 from suite.shaper_moves import Moved, moved
+from suite.shaper_references import ShapedReference
+from suite.sources import read_shaper
 from suite.suggestions import did_you_mean
-from suite.values import mode_text
+from suite.values import split_mode
 
 UNITS = {"Hz": 2.0 * math.pi, "rad/s": 1.0}
 PROVEN = 1e-10  # how closely the worst case is enclosed: closer than a shaper is designed below its tolerance
@@ -80,7 +81,7 @@ class Shaping:
     """The answer: the shaper, its least duration if known, its insensitivity at the tolerance, its proven worst residual over each band.
 
     `ranges`: those that the kind keeps by itself, where it does.
-    `deflection`: the largest one from the shaped step lies between these, where it was to be limited.
+    `deflection`: the largest one from the shaped step lies between these, where it was to be limited. `notes`: what to know of the above.
     """
 
     kind: str
@@ -94,6 +95,8 @@ class Shaping:
     deflection: tuple[float, float] | None = None
     move: Moved | None = None
     ranges: tuple[Reach, ...] = ()
+    notes: tuple[str, ...] = ()
+    shaped: ShapedReference | None = None
 
     @property
     def worst(self) -> tuple[float, float]:
@@ -130,37 +133,32 @@ class Shaping:
             "worst_at": {"mode": at.mode, "frequency": at.worst.frequency, "damping": at.worst.damping},
             "bands": [reach.to_dict() for reach in self.reaches],
             "ranges": [reach.to_dict() for reach in self.ranges],
+            "notes": list(self.notes),
         }
-        return record if self.move is None else {**record, "move": self.move.to_dict()}
+        further = {"move": self.move, "shaped": self.shaped}
+        return {**record, **{name: made.to_dict() for name, made in further.items() if made is not None}}
 
 
-def design(asked: Asked) -> Shaping:
-    """Make the shaper and prove its worst case.
+def design(asked: Asked, further: Sequence[str] = ()) -> Shaping:
+    """Make the shaper and prove its worst case; `further` mistakes of the same command are told with those of `asked`.
 
     Raises `SuiteError` naming every mistake, `ImpossibleShaperError` if there is no such shaper.
     """
-    measured = None
-    if asked.decay is not None:
-        measured = measured_decay(asked.decay, asked.signal, asked.begin, asked.until)
-    request, damping = _request(asked, () if measured is None else tuple(found.mode for found in measured.decay.modes))
+    request, damping, measured, move = _request(asked, further)
     done = replace(assess(asked.kind, request, damping), decay=measured)
-    move = _move(asked)
     return done if move is None else replace(done, move=moved(asked.kind, request, done.shaper, move, damping))
 
 
 def _move(asked: Asked) -> Move | None:
-    """Raises `SuiteError`."""
+    """Raises `ValueError`, `ShaperError`."""
     if asked.move is None:
         if asked.input is not None:
-            raise SuiteError("--input says within what a --move is made, which is missing")
+            raise ValueError("says within what a --move is made, which is missing")
         return None
-    try:
-        limits = _interval(asked.input, "limits of the input, such as -2:2")
-        if limits is None:
-            raise SuiteError(f"--move {asked.move:g} needs the limits of its input, such as --input -2:2")
-        return Move(asked.move, *limits, asked.order)
-    except (ValueError, ShaperError) as problem:
-        raise SuiteError(f"--move {asked.move:g} --input {asked.input}: {problem}") from None
+    limits = _interval(asked.input, "limits of the input, such as -2:2")
+    if limits is None:
+        raise ValueError("needs the limits of its input, such as --input -2:2")
+    return Move(asked.move, *limits, asked.order)
 
 
 def assess(kind: str, request: Request, damping: tuple[float, float] | None = None) -> Shaping:
@@ -178,7 +176,8 @@ def assess(kind: str, request: Request, damping: tuple[float, float] | None = No
     if request.deflection is not None:
         each = [deflection(made.shaper, mode) for mode in request.modes]
         strays = max(one.lower for one in each), max(one.upper for one in each)
-    return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping, deflection=strays, ranges=tuple(kept))
+    return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping,
+                   deflection=strays, ranges=tuple(kept), notes=made.notes)  # fmt: skip
 
 
 def _reach(shaper: Shaper, number: int, band: Band, damping: tuple[float, float] | None) -> Reach:
@@ -190,16 +189,24 @@ def _reach(shaper: Shaper, number: int, band: Band, damping: tuple[float, float]
     return Reach(number + 1, band, worst_residual(*exact, *box, relative=PROVEN, absolute=PROVEN, order=order))
 
 
-def _request(asked: Asked, known: tuple[Mode, ...]) -> tuple[Request, tuple[float, float] | None]:
-    wrong: list[str] = []
+def _request(asked: Asked, further: Sequence[str]) -> tuple[Request, tuple[float, float] | None, Measured | None, Move | None]:
+    """What is asked, with the dampings of the worst case, the decay that modes come from, and the move."""
+    wrong = list(further)
 
     def tried(name: str, read: Callable[[], R]) -> R | None:
         try:
             return read()
-        except (ValueError, OSError, RelaxationsError) as problem:
+        except OSError as problem:
+            wrong.append(f"{name}: {problem.filename or ''} cannot be read: {problem.strerror or problem}")
+        except (ValueError, RelaxationsError, SuiteError) as problem:
             wrong.append(f"{name}: {problem}")
-            return None
+        return None
 
+    measured = known = None
+    if asked.decay is not None:
+        file = asked.decay
+        measured = tried("--decay", lambda: measured_decay(file, asked.signal, asked.begin, asked.until))
+        known = () if measured is None else tuple(found.mode for found in measured.decay.modes)
     modes = [tried(f"--mode {text}", lambda text=text: mode_of(text)) for text in asked.modes]
     bands = [tried(f"--band {text}", lambda text=text: band_of(text, asked.tolerance)) for text in asked.band]
     damping = tried(f"--damping {asked.damping}", lambda: _interval(asked.damping, "damping ratios, such as 0:0.05"))
@@ -218,12 +225,14 @@ def _request(asked: Asked, known: tuple[Mode, ...]) -> tuple[Request, tuple[floa
         if value is not None and not 0.0 < value < math.inf:
             wrong.append(f"--{option} {value!r}: {what}")
     given = None if asked.impulses is None else tried("--impulses", lambda: impulses_of(str(asked.impulses)))
-    if not asked.modes and not known:
+    told = f"--move {asked.move:g}{'' if asked.input is None else f' --input {asked.input}'}" if asked.move is not None else "--input"
+    move = tried(told, lambda: _move(asked))
+    if not asked.modes and known is None:
         wrong.append("--mode is missing: a shaper needs at least one, such as --mode 1.0Hz:0.05, or a measured --decay")
     if asked.decay is None and (asked.signal, asked.begin, asked.until) != (None, None, None):
         wrong.append("--signal, --from and --until say what of a --decay is looked at, which is missing")
     request = Request(
-        modes=(*known, *(mode for mode in modes if mode)),
+        modes=(*(known or ()), *(mode for mode in modes if mode)),
         tolerance=asked.tolerance,
         negative=asked.negative,
         sums=sums,
@@ -235,8 +244,10 @@ def _request(asked: Asked, known: tuple[Mode, ...]) -> tuple[Request, tuple[floa
         impulses=given,
         deflection=asked.deflection,
     )
-    if not wrong:
-        tried("--band", request.reaches)
+    if len(request.modes) == len(modes) + len(known or ()) and len(request.bands) == len(bands):
+        reached = tried("--band", request.reaches)
+        if reached is not None and asked.kind == "si":
+            wrong += [f"--band {problem}" for problem in request.contradictions()]
     try:
         kind, _ = find(asked.kind)
         wrong += [
@@ -249,15 +260,13 @@ def _request(asked: Asked, known: tuple[Mode, ...]) -> tuple[Request, tuple[floa
         wrong.append(f"{problem}{did_you_mean(asked.kind, names)}")
     if wrong:
         raise SuiteError("; ".join(wrong) if len(wrong) == 1 else "\n".join([f"{len(wrong)} mistakes", *(f"  {one}" for one in wrong)]))
-    return request, damping
+    return request, damping, measured, move
 
 
 def mode_of(text: str) -> Mode:
     """A mode as it is written, "1.0Hz:0.05"; raises `ValueError`, `ShaperError`."""
-    found = re.fullmatch(r"(.+?)\s*(Hz|rad/s)\s*:\s*(.+)", mode_text(text))
-    if found is None:
-        raise ValueError('must be FREQUENCY(Hz|rad/s):DAMPING, such as "1.0Hz:0.05"')
-    return Mode(float(found[1]) * UNITS[found[2]], float(found[3]))
+    frequency, unit, damping = split_mode(text)
+    return Mode(frequency * UNITS[unit], damping)
 
 
 def band_of(text: str, tolerance: float) -> tuple[float, float, float]:
@@ -278,10 +287,10 @@ def band_of(text: str, tolerance: float) -> tuple[float, float, float]:
 def impulses_of(text: str) -> Shaper:
     """A shaper that is given: the path of its file, or "0:0.5,0.49:0.5", instants [s] and amplitudes.
 
-    Raises `ValueError`, `OSError`, `ShaperError`.
+    Raises `ValueError`, `OSError`, `ShaperError`, `SourceError`.
     """
     if text.endswith(".json"):
-        return Shaper.from_json(Path(text).read_text(encoding="utf-8"))
+        return read_shaper(Path(text))
     try:
         pairs = [tuple(map(float, pair.split(":"))) for pair in text.split(",")]
         times, amplitudes = zip(*((time, amplitude) for time, amplitude in pairs), strict=True)

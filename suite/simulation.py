@@ -15,10 +15,10 @@ from fmus.plans import Misfit, grid_step, interface_of
 from fmus.stepping import Experiment, Interface, LogLine, Outcome, RunStatus, samples
 from fmus.workers import Worker
 from relaxations.commands import Command
-from relaxations.errors import CommandError, PlantError
+from relaxations.errors import PlantError
 from relaxations.plants import LinearPlant
 from relaxations.response import response
-from reports import logs
+from reports import files, logs
 from suite import schema
 from suite.campaign import measure, natural_step
 from suite.errors import SuiteError
@@ -27,6 +27,7 @@ from suite.observations import Channel, Setting, Subject, observe, record, thinn
 from suite.plants import linear_plant
 from suite.quantities import Facts, window
 from suite.quantity_names import Quantity
+from suite.sources import read_command
 from suite.study import FmuPlant, Plant
 from suite.study_plant import understand_plant
 from suite.verdicts import Measured, Verdict
@@ -106,7 +107,7 @@ def simulate(asked: Request, log: Path | None = None, convergence: bool = False)
 
     Raises `SimulationError` for a request that cannot be carried out, before anything is run.
     """
-    command = _command(asked.command)
+    command = read_command(asked.command)
     plant, fmu = _plant(asked)
     has = fmu.archive.description
     try:
@@ -130,6 +131,8 @@ def simulate(asked: Request, log: Path | None = None, convergence: bool = False)
         step=setting.step,
         interface=asked.interface,
     )
+    if log is not None:
+        files.ready(log)
     with Worker() as worker:
         outcome = worker.run(experiment, asked.timeout)
         finer = worker.run(experiment.refined(), asked.timeout) if grid is None and outcome.status.complete else outcome
@@ -160,15 +163,6 @@ def simulate(asked: Request, log: Path | None = None, convergence: bool = False)
         table,
         log,
     )
-
-
-def _command(path: Path) -> Command:
-    try:
-        return Command.from_json(path.read_text(encoding="utf-8"))
-    except UnicodeDecodeError:
-        raise SimulationError(f"{path} is no text file; a command file is JSON") from None
-    except CommandError as problem:
-        raise SimulationError(f"{path}: {problem}") from None
 
 
 def _plant(asked: Request) -> tuple[Plant, FmuPlant]:

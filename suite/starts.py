@@ -13,11 +13,13 @@ from fractions import Fraction
 from fmus.descriptions import Description
 from fmus.errors import FmuError
 from fmus.twins import TwinMatrices, read_twin
-from relaxations.errors import ManeuverError
+from relaxations.errors import ManeuverError, PlantError
 from relaxations.initial import from_output, from_state
 from relaxations.plants import LinearPlant
+from relaxations.transitions import VaryingPlant
 from suite.errors import Mistake, StudyError
 from suite.study import FmuPlant, Maneuver, Plant, StateSpacePlant, Study
+from suite.varying import study_plant, varying_plant
 
 Value = Fraction | Decimal | float
 PLACE = "maneuver.initial_state"
@@ -44,6 +46,21 @@ def start(
             raise ManeuverError(f"has {len(given)} numbers; A has {len(source.B)} rows, so valid are {len(source.B)}")
         return from_state(linear, source.A, source.B, given)
     return from_output(linear, given)
+
+
+def varying_start(plant: Plant, maneuver: Maneuver, varying: VaryingPlant) -> tuple[Fraction, ...] | None:
+    """Where a plant that varies begins, in its own states; None at rest. Raises `ManeuverError` with a sentence."""
+    given = maneuver.initial_state
+    if given is None:
+        return None
+    if isinstance(given, Mapping) and plant.fmu is None:
+        raise ManeuverError("the states of a plant given as numbers have no names: give a list")
+    if plant.fmu is not None and plant.fmu.settle:
+        raise ManeuverError("contradicts plant.initial.settle: an FMU that settles first begins at rest")
+    try:
+        return varying.begun(given)
+    except PlantError as problem:
+        raise ManeuverError(str(problem)) from None
 
 
 def _twin(source: FmuPlant, parameters: Mapping[str, Value] | None = None) -> TwinMatrices:
@@ -74,9 +91,27 @@ def mistakes(plant: Plant, maneuver: Maneuver, linear: LinearPlant) -> list[Mist
         return []
     shown = dict(given) if isinstance(given, Mapping) else list(given)
     try:
-        start(plant, maneuver, linear)
+        if plant.schedule is not None:
+            varying = varying_plant(plant)
+            assert varying is not None
+            varying_start(plant, maneuver, varying)
+        else:
+            start(plant, maneuver, linear)
         if plant.fmu is not None:
             run_states(plant, maneuver)
+    except (ManeuverError, FmuError) as problem:
+        return [Mistake(PLACE, shown, str(problem))]
+    return []
+
+
+def run_mistakes(plant: Plant, maneuver: Maneuver) -> list[Mistake]:
+    """What of it is wrong for an FMU's runs, where only running it tells its linear plant."""
+    given = maneuver.initial_state
+    shown = given if given is None else dict(given) if isinstance(given, Mapping) else list(given)
+    try:
+        if plant.fmu is not None and plant.fmu.settle:
+            raise ManeuverError("contradicts plant.initial.settle: an FMU that settles first begins at rest")
+        run_states(plant, maneuver)
     except (ManeuverError, FmuError) as problem:
         return [Mistake(PLACE, shown, str(problem))]
     return []
@@ -92,8 +127,9 @@ def run_states(plant: Plant, maneuver: Maneuver) -> dict[str, float]:
     at_rest = {name: float(value) for name, value in fmu.initial_state.items()}
     if maneuver.initial_state is None:
         return at_rest
-    deviations = {name: value for name, value in _named(maneuver.initial_state, _twin(fmu).states).items() if value}
     has = fmu.archive.description
+    states = has.state_names if plant.schedule is not None else _twin(fmu).states
+    deviations = {name: value for name, value in _named(maneuver.initial_state, states).items() if value}
     return at_rest | {name: at_rest.get(name, _start(has, name)) + float(value) for name, value in deviations.items()}
 
 
@@ -103,8 +139,12 @@ def _start(has: Description, name: str) -> float:
 
 
 def required_start(study: Study, linear: LinearPlant, parameters: Mapping[str, Value] | None = None) -> tuple[Fraction, ...] | None:
-    """`start` of a study; raises `StudyError`."""
+    """`start` of a study, or `varying_start`; raises `StudyError`."""
     try:
+        if study.plant.schedule is not None:
+            varying = study_plant(study, parameters)
+            assert varying is not None
+            return varying_start(study.plant, study.maneuver, varying)
         return start(study.plant, study.maneuver, linear, parameters)
     except ManeuverError as problem:
         raise StudyError(str(study.file), [Mistake(PLACE, "", str(problem))]) from None

@@ -23,6 +23,7 @@ from suite.errors import ABSENT, Mistake
 from suite.plants import linear_plant
 from suite.quantity_names import Quantity, UnitKind, parse_quantity
 from suite.starts import mistakes as start_mistakes
+from suite.starts import run_mistakes
 from suite.study import GRID, CommandRequest, Limits, Maneuver, Plant, Requirement, Simulation, Study, Uncertainty
 from suite.study_file import printable
 from suite.study_plant import PlantNames, description, understand_plant
@@ -125,7 +126,9 @@ def _task(plant: Plant, maneuver: Maneuver, limits: schema.Limits, mistakes: lis
     if not lower <= rest <= upper:
         mistakes.append(Mistake("limits.input", [lower, upper], f"must contain the input at the initial rest, {rest}"))
     if plant.fmu is not None and (not plant.fmu.by_twin or plant.schedule is not None):
-        if maneuver.initial_state is not None:
+        if maneuver.initial_state is not None and plant.schedule is not None:
+            mistakes.extend(run_mistakes(plant, maneuver))
+        elif maneuver.initial_state is not None:
             mistakes.append(
                 Mistake("maneuver.initial_state", ABSENT, "needs a linear plant whose states are known: an FMU's twin, or numbers")
             )

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from relaxations.commands import Command
-from relaxations.errors import CommandError, RelaxationsError, ShaperError
+from relaxations.errors import RelaxationsError, ShaperError
 from relaxations.shaping.kinds import KINDS, find, mistakes
 from relaxations.shaping.requests import BAND, TOLERANCE, Request
 from relaxations.shaping.shapers import Shaper
-from suite import schema
-from suite.errors import ABSENT, Mistake
+from suite import schema, sources
+from suite.errors import ABSENT, Mistake, SuiteError
 from suite.shaping import band_of, impulses_of, mode_of
 from suite.study import ShaperRequest
 from suite.study_plant import PlantNames
@@ -68,13 +68,11 @@ def read_command(file: str, folder: Path, place: str, wrong: list[Mistake]) -> C
     """A command file that a study names at `place`; None and a mistake if it is none."""
     path = (folder / file).expanduser()
     try:
-        return Command.from_json(path.read_text(encoding="utf-8"))
+        return sources.read_command(path)
     except OSError as problem:
         wrong.append(Mistake(place, file, f"{path} cannot be read: {problem.strerror}"))
-    except UnicodeDecodeError:
-        wrong.append(Mistake(place, file, f"{path} is no text file; a command file is JSON"))
-    except CommandError as problem:
-        wrong.append(Mistake(place, file, f"{path}: {problem}"))
+    except SuiteError as problem:
+        wrong.append(Mistake(place, file, str(problem)))
     return None
 
 
@@ -83,7 +81,7 @@ def _read(read: Callable[[], R], value: object, place: str, wrong: list[Mistake]
         return read()
     except OSError as problem:
         wrong.append(Mistake(place, value, f"{problem.filename} cannot be read: {problem.strerror}"))
-    except (ValueError, RelaxationsError) as problem:
+    except (ValueError, RelaxationsError, SuiteError) as problem:
         wrong.append(Mistake(place, value, str(problem)))
     return None
 

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 from fmus.archives import Fmu, open_archive
 from fmus.blocks import HISTORY, Block, Signal, command_block, model_name, shaper_block
-from fmus.build import locate, shipped
+from fmus.build import is_shipped, locate, shipped
 from fmus.compiling import FmiVersion, has_zig
 from fmus.descriptions import Variable
 from fmus.exporting import Exported, export, targets
 from fmus.packing import write
 from fmus.systems import plant_input, signal_for, system
-from relaxations import commands
 from relaxations.commands import Command
-from relaxations.shaping import shapers
 from relaxations.shaping.shapers import Shaper
 from suite.errors import SuiteError
+from suite.sources import read_command_or_shaper
 from suite.suggestions import did_you_mean
+from suite.units import UnitError, convert, named, of_fmu
 
-READERS = {commands.FORMAT: Command.from_dict, shapers.FORMAT: Shaper.from_dict}
+VALID_UNITS = 'valid are units as FMI writes them or as usual: N, N.m, kN, m/s2, rad/s, deg, V, mA, K, %, 1 for a pure number, "" for none'
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +64,10 @@ def take_away(source: Path, wanted: Wanted) -> Taken:
 
     Raises `SuiteError`, `FmuError` or `RelaxationsError`: the file is neither command nor shaper, a path exists, no compiler …
     """
-    content = read_source(source)
+    content = read_command_or_shaper(source)
     kind = "command" if isinstance(content, Command) else "shaper"
     name = wanted.name or model_name(source.stem.removesuffix(".command").removesuffix(".shaper"))
-    plant = open_archive(_plant_path(wanted.plant, wanted.fmi)) if wanted.plant else None
+    plant = open_archive(plant_path(wanted.plant, wanted.fmi)) if wanted.plant else None
     versions = _versions(wanted.fmi, plant)
     paths = _paths(wanted.out, name, versions, "ssp" if plant else "fmu")
     if there := [str(path) for path in paths if path.exists() and not wanted.force]:
@@ -87,31 +87,14 @@ def take_away(source: Path, wanted: Wanted) -> Taken:
     return Taken(kind, name, tuple((path, made) for path, made, _ in files), note)
 
 
-def read_source(path: Path) -> Command | Shaper:
-    """A command file, a shaper file, or what `slewcert bound --json` printed. `SuiteError` names what the file is instead."""
-    if path.is_dir():
-        raise SuiteError(f"{path} is a folder, not a command or shaper file")
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as problem:
-        raise SuiteError(f"{path} is no command or shaper file: {problem}") from None
-    if isinstance(data, Mapping) and "format" not in data and "command" in data:
-        data = data["command"]
-        if data is None:
-            raise SuiteError(f"{path} is the answer of a study without a command: there is none to take away")
-    found = data.get("format") if isinstance(data, Mapping) else None
-    if found not in READERS:
-        raise SuiteError(f'{path} is no command or shaper file: its "format" is {found!r}, not {" or ".join(map(repr, READERS))}')
-    return READERS[found](data)
-
-
-def _plant_path(name: str, fmi: str | None) -> Path:
+def plant_path(name: str, fmi: str | None = None) -> Path:
+    """The file of an FMU: a path, or a plant shipped here, which is built if it has to be; `SuiteError` for neither."""
     plants = shipped()
-    if name in plants:
+    if "." not in name and is_shipped(name):
         return locate(name if fmi is None else f"{name}.fmi{fmi}")
-    if name.partition(".")[0] in plants and not Path(name).exists():
+    if is_shipped(name) and not Path(name).exists():
         return locate(name)
-    if not Path(name).is_file():
+    if not Path(name).exists():
         raise SuiteError(f"{name} is no file, and the plants shipped here are {', '.join(plants)}{did_you_mean(name, plants)}")
     return Path(name)
 
@@ -145,12 +128,31 @@ def _paths(out: Path | None, name: str, versions: Sequence[FmiVersion], kind: st
 def _block(content: Command | Shaper, name: str, wanted: Wanted, plant: Fmu | None, driven: Variable | None) -> Block:
     default = "u" if isinstance(content, Command) else "shaped"
     fitting = signal_for(plant.description, driven, default) if plant and driven else Signal(default)
-    signal = Signal(
-        wanted.output or default,
-        fitting.unit if wanted.unit is None else wanted.unit,
-        fitting.exponents if wanted.unit in (None, fitting.unit) else None,
-        fitting.rest if wanted.rest is None else wanted.rest,
-    )
+    signal = replace(fitting, name=wanted.output or default, rest=fitting.rest if wanted.rest is None else wanted.rest)
+    if wanted.unit not in (None, fitting.unit):
+        signal = replace(signal, unit=wanted.unit, exponents=_unit(wanted.unit, plant, driven))
     if isinstance(content, Command):
         return command_block(content, name, signal)
     return shaper_block(content, name, signal, linear=wanted.linear, history=wanted.history)
+
+
+def _unit(text: str, plant: Fmu | None, driven: Variable | None) -> dict[str, float] | None:
+    """Exponents of the SI base units, factor and offset of a unit; None if there is none.
+
+    Raises `SuiteError` unless FMI can define it, and the plant's input, where there is one, is of the same kind.
+    """
+    if not text:
+        return None
+    try:
+        scale = named(text)
+        if plant and driven:
+            own = next((of_fmu(unit) for unit in plant.description.units if unit.name == driven.unit), None)
+            if own is not None:
+                convert(Decimal(1), scale, own, difference=True)
+    except UnitError as problem:
+        raise SuiteError(f"--unit: {problem}; {VALID_UNITS}") from None
+    if text != text.strip() or any(power.denominator != 1 for _, power in scale.exponents):
+        raise SuiteError(f"--unit: {text!r} cannot be defined in an FMU, where exponents are whole numbers; {VALID_UNITS}")
+    numbers = {symbol: float(power) for symbol, power in scale.exponents}
+    more = {"factor": float(scale.factor), "offset": float(scale.offset)}
+    return numbers | {name: value for name, value in more.items() if value != (name == "factor")}

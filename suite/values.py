@@ -183,10 +183,26 @@ def identifier(value: str) -> str:
 
 def mode_text(value: str) -> str:
     """A mode as the command line writes it: natural frequency and damping ratio."""
-    number = r"(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"
-    if not re.fullmatch(rf"{number}\s*(Hz|rad/s)\s*:\s*{number}", value):
-        raise ValueError('must be FREQUENCY(Hz|rad/s):DAMPING, such as "1.0Hz:0.05"')
+    split_mode(value)
     return value
+
+
+def split_mode(value: str) -> tuple[float, str, float]:
+    """Frequency, its unit and damping ratio of a mode as it is written; what they may be is up to `Mode`. Raises `ValueError`."""
+    found = re.fullmatch(r"\s*(.*?)\s*(Hz|rad/s)\s*(?::\s*(.*?))?\s*", value)
+    if found is None:
+        raise ValueError('must be FREQUENCY(Hz|rad/s):DAMPING, such as "1.0Hz:0.05"')
+    if found[3] is None:
+        raise ValueError('has no damping ratio; must be FREQUENCY(Hz|rad/s):DAMPING, such as "1.0Hz:0.05", without damping "1.0Hz:0"')
+    numbers, wrong = [], []
+    for name, text in (("frequency", found[1]), ("damping ratio", found[3])):
+        try:
+            numbers.append(float(text))
+        except ValueError:
+            wrong.append(f"the {name} {text!r} is no number")
+    if wrong:
+        raise ValueError(f'{"; ".join(wrong)}; must be FREQUENCY(Hz|rad/s):DAMPING, such as "1.0Hz:0.05"')
+    return numbers[0], found[2], numbers[1]
 
 
 def factors(value: tuple[Decimal, Decimal]) -> tuple[Decimal, Decimal]:

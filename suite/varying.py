@@ -7,13 +7,18 @@ from collections.abc import Mapping
 from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fmus.errors import FmuError
 from relaxations.errors import PlantError
 from relaxations.transitions import VaryingPlant
+from suite.linearised import linearised
 from suite.study import FmuPlant, Plant, StateSpacePlant, Study
+
+if TYPE_CHECKING:
+    from fmus.linearization import Linearization
 
 Value = Fraction | Decimal | float
 
@@ -33,7 +38,8 @@ def varying_plant(plant: Plant, parameters: Mapping[str, Value] | None = None) -
         A = (source.A, *(schedule.A or (source.A,) * len(schedule.times)))
         B = (source.B, *(schedule.B or (source.B,) * len(schedule.times)))
         C = (source.C, *(schedule.C or (source.C,) * len(schedule.times)))
-        return VaryingPlant.of(instants, A, B, C, [source.D] * len(instants), plant.output)
+        outputs = {name: [row] * len(instants) for name, row in source.outputs.items()}
+        return VaryingPlant.of(instants, A, B, C, [source.D] * len(instants), plant.output, outputs)
     assert isinstance(source, FmuPlant)
     key = (
         *(source.archive.path, source.archive.sha256, plant.input, plant.output, plant.initial_input, source.settle, source.method),
@@ -52,27 +58,14 @@ def study_plant(study: Study, parameters: Mapping[str, Value] | None = None) -> 
 
 
 def _along(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value], instants: tuple[Decimal, ...]) -> VaryingPlant:
-    from fmus.linearization import Linearization, linearize  # here, because it brings along what runs FMUs
-    from fmus.workers import Worker
+    from fmus.workers import Worker  # here, because it brings along what runs FMUs
 
     name = fmu.archive.path.name
     found: list[Linearization] = []
     try:
         with Worker() as worker:
             for instant in instants:
-                one = linearize(
-                    fmu.archive,
-                    plant.input,
-                    plant.output,
-                    {key: float(x) for key, x in parameters.items()},
-                    initial_state={key: float(x) for key, x in fmu.initial_state.items()},
-                    initial_input=float(plant.initial_input),
-                    settle=fmu.settle + float(instant),
-                    step=fmu.step,
-                    method=fmu.method,
-                    probe=fmu.identification,
-                    worker=worker,
-                )
+                one = linearised(fmu, plant, parameters, after=float(instant), step=fmu.step, worker=worker)
                 if one.identification is not None:
                     raise PlantError(f"{name} shows no states: it can be identified at one instant, not followed along its motion")
                 if found and one.states != found[0].states:
@@ -89,7 +82,8 @@ def _along(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value], instant
         raise PlantError(f"{name} cannot be linearised along its motion: {problem}") from None
     matrices = [[[float(x) for x in row] for row in one.A] for one in found]
     varying = VaryingPlant.of(
-        instants, matrices, [one.B.tolist() for one in found], [one.C.tolist() for one in found], [one.D for one in found], plant.output
+        *(instants, matrices, [one.B.tolist() for one in found], [one.C.tolist() for one in found], [one.D for one in found], plant.output),
+        states=found[0].states,
     )
     moving = np.flatnonzero(np.any([one.B != 0.0 for one in found], axis=0))
     for one in found:  # the states that the input moves rest without it

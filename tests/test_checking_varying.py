@@ -12,7 +12,7 @@ from flint import arb, arb_mat
 from forgery import changed, forged, number, opened, written
 from varying_plants import GROWING, HOISTING, STIFF_A, STIFF_B, STIFF_C, posed, proven, random_plant, reaches
 
-from relaxations.checking import varying as checker
+from relaxations.checking import transitions as checker
 from relaxations.checking.balls import work
 from relaxations.checking.claims import Outcome, check, claim
 from relaxations.checking.reading import read
@@ -174,7 +174,7 @@ MALFORMED = {
     "B and C have n numbers": lambda d: d["task"]["schedule"]["C"][0].append("0"),
     "A is n×n": lambda d: d["task"]["schedule"]["A"][0].pop(),
     "one plant, or one that varies": lambda d: d["task"].update(schedule=None),
-    "comes to a rest of its state": lambda d: d["task"]["limits"].update(sample_time="1"),
+    "comes to a rest of its state": lambda d: d["task"]["limits"].update(pulses=2),
     "no rest at the target, or more": lambda d: d["task"]["schedule"].update(C=[["0", "0"]] * 2),
     "is none at an instant": lambda d: d["task"]["schedule"].update(A=[[["0", "1"], ["1", "0"]], [["0", "1"], ["0", "0"]]]),
     "exclude the input": lambda d: d["task"]["limits"].update(input=["0.5", "1"]),

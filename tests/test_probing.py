@@ -11,11 +11,15 @@ import pytest
 from made_fmus import linear_fmu, made_fmu, steps_only
 
 from fmus.archives import Fmu, open_archive
-from fmus.build import build
+from fmus.blocks import Signal, shaper_block
+from fmus.build import FmiVersion, build
+from fmus.compiling import host
 from fmus.errors import LinearizationError
+from fmus.exporting import export
 from fmus.linearization import Linearization, linearize
 from fmus.stepping import Probe, RunStatus
 from fmus.workers import Worker
+from relaxations.shaping.shapers import Shaper
 
 PENDULUM = """
 void plant_derivatives(Plant *p) { p->der_angle = p->speed; p->der_speed = -p->gravity * sin(p->angle) - p->friction * p->speed + p->u; }
@@ -204,6 +208,36 @@ def test_what_is_laid_down_is_kept(tmp_path: Path, worker: Worker) -> None:
     assert forced is not None
     assert forced.order == 1
     assert forced.check_error > 0.1, "and what it is worth is told"
+
+
+SHAPER = Shaper((0.0, 0.5), (0.54, 0.46))
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_a_delay_is_refused_wherever_the_record_ends(version: FmiVersion, tmp_path: Path, worker: Worker) -> None:
+    """A ZV shaper: half of the step at once, the other half a second later. It has no poles at all, and no order that would do."""
+    path = tmp_path / "zv.fmu"
+    path.write_bytes(export(shaper_block(SHAPER, "zv", Signal("shaped")), version, (host(),)).content)
+    fmu = open_archive(path)
+    with pytest.raises(LinearizationError, match=r"misses the response to moves within .* by 0\.\d+ of it .*a delay, which is no pole"):
+        linearize(fmu, "reference", "shaped", worker=worker)
+    for step in (0.0005, 0.0008):  # records of 0.2 and 0.32 s
+        with pytest.raises(LinearizationError, match=r"again after 0\.5\d* s, by 0\.85 of its largest response .* looks longer"):
+            linearize(fmu, "reference", "shaped", probe=Probe(step=step), worker=worker)
+    forced = linearize(fmu, "reference", "shaped", probe=Probe(step=0.0005, order=0), worker=worker)
+    assert any("again after 0.5" in note for note in forced.notes), "who lays down the order is told"
+    assert pytest.approx(0.54) == forced.D
+
+
+def test_thrusters_that_are_on_or_off_are_identified_with_what_they_take(worker: Worker) -> None:
+    """The spacecraft refuses any torque but ±10 N.m and 0."""
+    fmu = open_archive(build("spacecraft"))
+    found = linearize(fmu, "torque", "angle", method="identified", worker=worker)
+    exact = linearize(fmu, "torque", "angle", method="derivatives", worker=worker)
+    assert found.identification is not None
+    assert found.identification.amplitude == pytest.approx(10.0)
+    for s in (0.3j, 4.17j - 0.01, 2.0):
+        assert transfer(found, s) == pytest.approx(transfer(exact, s), rel=1e-9)
 
 
 def test_an_output_that_does_not_react_is_told(tmp_path: Path, worker: Worker) -> None:

@@ -15,6 +15,7 @@ import pytest
 from click.testing import CliRunner, Result
 from exported import drive
 from fmpy import __file__ as fmpy_file
+from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 from independent_shaping import known_shapers
 from pyssp_standard.ssp import SSP
@@ -109,6 +110,31 @@ def test_options_reach_the_fmu(files: Path, tmp_path: Path) -> None:
         assert "modelIdentifier" in archive.read("sources/buildDescription.xml").decode()
 
 
+@pytest.mark.parametrize("fmi", ["2", "3"])
+def test_a_unit_is_defined_in_the_fmu(files: Path, tmp_path: Path, fmi: str) -> None:
+    """By its exponents, factor and offset, which FMPy reads."""
+    path = tmp_path / "x.fmu"
+    for unit, expected in {
+        "N.m": {"kg": 1, "m": 2, "s": -2},
+        "kN": {"kg": 1, "m": 1, "s": -2, "factor": 1000.0},
+        "degC": {"K": 1, "offset": 273.15},
+        "mm/s2": {"m": 1, "s": -2, "factor": 1e-3},
+        "%": {"factor": 0.01},
+        "1": {},
+    }.items():
+        assert run(files / "move.json", "--fmi", fmi, "--unit", unit, "--out", path, "--force").exit_code == 0
+        assert validate_fmu(str(path)) == []
+        (defined,) = [d for d in read_model_description(str(path)).unitDefinitions if d.name == unit]
+        base = defined.baseUnit
+        assert base is not None
+        named = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+        found = {name: getattr(base, name) for name in named if getattr(base, name)}
+        found |= {name: value for name, value in (("factor", base.factor), ("offset", base.offset)) if value != (name == "factor")}
+        assert found == pytest.approx(expected, rel=1e-15)
+    assert run(files / "move.json", "--fmi", fmi, "--unit", "", "--out", path, "--force").exit_code == 0
+    assert open_archive(path).description.find("u").unit == ""
+
+
 def test_a_file_is_replaced_only_if_asked(files: Path, tmp_path: Path) -> None:
     target = tmp_path / "x.fmu"
     target.write_text("mine")
@@ -136,6 +162,11 @@ def test_a_file_is_replaced_only_if_asked(files: Path, tmp_path: Path) -> None:
         (["zv.json", "--output", "reference"], ["'reference' is no name for a signal"]),
         (["move.json", "--output", "double"], ["'double' is no name for a signal", "none of time, before, memory, delay, scale, rest"]),
         (["move.json", "--unit", "*/ x"], ["is no unit"]),
+        (["move.json", "--unit", "bogus<>"], ['--unit: "bogus<>" is no unit; valid are units as FMI writes them', "N.m"]),
+        (["zv.json", "--unit", "newtonz"], ['"newtonz" is no unit that is known; valid are']),
+        (["zv.json", "--unit", "kg^0.5"], ["exponents are whole numbers"]),
+        (["zv.json", "--unit", " N"], ["' N' cannot be defined"]),
+        (["zv.json", "--ssp", "two_mass", "--unit", "V"], ['"V" is no unit of the kind of "N"; valid are N, kN, lbf']),
         (["move.json", "--rest", "nan"], ["rests at a finite value, not at nan"]),
         (["zv.json", "--history", "1"], ["from 2 to 10000000 changes of its reference, not 1"]),
         (["zv.json", "--ssp", "two_maas"], ["two_maas is no file, and the plants shipped here are", "two_mass", "did you mean"]),

@@ -176,16 +176,22 @@ def test_states_that_the_input_never_moves_are_dropped() -> None:
     [
         ({"tail": True}, "tail"),
         ({"robustness": 1}, "robustness"),
-        ({"sample_time": Fraction(1, 10)}, "a sample time"),
-        ({"initial": (Fraction(1), Fraction(0))}, "an initial state"),
+        ({"sample_time": Fraction(0)}, "a sample time is more than 0"),
+        ({"initial": (Fraction(1), Fraction(0), Fraction(0))}, "has 2 numbers, not 3"),
+        ({"initial": (Fraction(1), Fraction(0))}, "at its final rest already"),
     ],
 )
 def test_what_a_varying_plant_is_not_moved_with(others: dict[str, object], said: str) -> None:
     with pytest.raises(ManeuverError, match=said):
         varying_problem(GROWING, Maneuver(Fraction(1), Limits.of(-1, 1), **others))  # type: ignore[arg-type]
-    for limits in (Limits.of(-1, 1, rate=(-1, 1)), Limits.of(-1, 1, deflection={"output": 1})):
-        with pytest.raises(ManeuverError, match="limits o"):
-            varying_problem(GROWING, Maneuver(Fraction(1), limits))
+    for refused, why in (
+        (Limits.of(-1, 1, rate=(1, 2)), "limits of the slope contain 0"),
+        (Limits(Fraction(-1), Fraction(1), pulses=2), "limits of pulses yet"),
+        (Limits.of(-1, 1, deflection={"speed": 1}), "names 'speed'; of a plant that varies it may be that of output, output_rate"),
+        (Limits.of(-1, 1, deflection={"output": "0.5"}), "deviates by 1 at 0 s: no command stays within 0.5"),
+    ):
+        with pytest.raises(ManeuverError, match=why):
+            varying_problem(GROWING, Maneuver(Fraction(1), refused))
     with pytest.raises(ManeuverError, match="outside the limits"):
         posed(GROWING, lower="0.1")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -94,6 +95,88 @@ def reaches(plant: VaryingPlant, state: Reals, duration: float, limits: tuple[fl
     scale = np.abs(columns).max(axis=1)
     found = linprog(np.zeros(cells), A_eq=columns / scale[:, None], b_eq=state / scale, bounds=[limits] * cells, method="highs")
     return found.status == 0
+
+
+@dataclass(frozen=True)
+class Asked:
+    """An independent statement of a task: deviations from the initial rest; `hold` that of the final input, `rows` of limited outputs."""
+
+    state: Reals
+    hold: float
+    limits: tuple[float, float]
+    begin: Reals
+    rate: tuple[float, float] | None = None
+    fuel: float | None = None
+    rows: tuple[tuple[Reals, float], ...] = ()
+
+
+def admits(plant: VaryingPlant, asked: Asked, duration: float, cells: int) -> bool:
+    """Whether HiGHS finds levels on so many equal cells, steps between them and outputs at their ends within limits too."""
+    edges, n = np.linspace(0.0, duration, cells + 1), plant.order
+    moved = np.column_stack([asked.begin, np.zeros((n, 0))])
+
+    def rates(t: float, x: Reals) -> Reals:
+        A, B = matrices(plant, t)
+        now = x.reshape(n, -1)
+        return (A @ now + np.outer(B, np.append(np.zeros(now.shape[1] - 1), 1.0))).ravel()
+
+    above, most = [], []
+    for i, (begin, end) in enumerate(pairwise(edges)):
+        breaks = [begin, *(float(t) for t in plant.instants if begin < t < end), end]
+        moved = np.column_stack([moved, np.zeros(n)])
+        for s, t in pairwise(breaks):
+            moved = solve_ivp(rates, (s, t), moved.ravel(), method="DOP853", rtol=1e-10, atol=1e-12).y[:, -1].reshape(n, -1)
+        for table, limit in asked.rows:
+            row = np.array([np.interp(end, [float(t) for t in plant.instants], column) for column in table.T]) @ moved
+            for sign in (1.0, -1.0):
+                above.append(np.append(sign * row[1:], np.zeros(cells - i - 1)))
+                most.append(limit - sign * row[0])
+    step = duration / cells
+    if asked.rate is not None:
+        for k in range(cells + 1):
+            change, fixed = np.zeros(cells), 0.0
+            if k < cells:
+                change[k] = 1.0
+            else:
+                fixed = asked.hold
+            if k:
+                change[k - 1] -= 1.0
+            above += [change, -change]
+            most += [asked.rate[1] * step - fixed, fixed - asked.rate[0] * step]
+    lower, upper = asked.limits
+    scale = np.abs(moved[:, 1:]).max(axis=1)
+    equal, target = moved[:, 1:] / scale[:, None], (asked.state - moved[:, 0]) / scale
+    if asked.fuel is None:
+        bounds, table = [asked.limits] * cells, above
+    else:  # levels are differences of two parts
+        bounds, table = [(0.0, upper)] * cells + [(0.0, -lower)] * cells, [np.append(row, -row) for row in above]
+        equal, table, most = np.hstack([equal, -equal]), [*table, np.full(2 * cells, step)], [*most, asked.fuel]
+    found = linprog(
+        np.zeros(len(bounds)),
+        A_ub=np.array(table) if table else None,
+        b_ub=most or None,
+        A_eq=equal,
+        b_eq=target,
+        bounds=bounds,
+        method="highs",
+    )
+    return found.status == 0
+
+
+def asked_of(plant: VaryingPlant, maneuver: Maneuver) -> Asked:
+    """The independent statement of a maneuver from rest at input 0."""
+    state, hold = plant.rest(maneuver.displacement)
+    limits, begin = maneuver.limits, maneuver.initial or [0] * plant.order
+    known = {"output": plant.C, **plant.outputs}
+    return Asked(
+        np.array(state, dtype=float),
+        float(hold),
+        (float(limits.lower), float(limits.upper)),
+        np.array(begin, dtype=float),
+        None if limits.rate is None else (float(limits.rate[0]), float(limits.rate[1])),
+        None if limits.fuel is None else float(limits.fuel),
+        tuple((np.array(known[name], dtype=float), float(limit)) for name, limit in limits.deflection.items()),
+    )
 
 
 def rest(plant: VaryingPlant, displacement: Exact = 1) -> Reals:

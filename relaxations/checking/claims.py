@@ -121,7 +121,10 @@ def claim(found: Check) -> str:
     lines += members.plants(task)
     rest, (low, high), tail = REST["box" if task["box"] else task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
     start, begins = task["initial_state"], f"Task: from rest at input {task['initial_input']}"
-    if start is not None:
+    if start is not None and not task["plants"]:
+        lines.append(f"Start: x begins at [{', '.join(start)}], deviations from rest at input {task['initial_input']}.")
+        begins = "Task: from there"
+    elif start is not None:
         lines.append(
             f"Start: D(d/dt) x = u, y = N(d/dt) x, deviations from rest at input {task['initial_input']}, for numerator N, denominator D;"
         )
@@ -132,8 +135,8 @@ def claim(found: Check) -> str:
     if fuel := task["limits"]["fuel"]:
         lines.append(f"  The fuel ∫|u(t) - {task['initial_input']}| dt of the move, from 0 to T, is at most {fuel}.")
     for name, limit in task["limits"]["deflection"].items():
-        above = ", ".join(task["plants"][0]["outputs"][name])
-        lines.append(f"  The output {name!r}, numerator [{above}], never leaves its first rest value by more than {limit}.")
+        which = f"numerator [{', '.join(task['plants'][0]['outputs'][name])}]" if task["plants"] else "a row times x, as above"
+        lines.append(f"  The output {name!r}, {which}, never leaves its first rest value by more than {limit}.")
     if (rate := task["limits"]["rate"]) and task["limits"]["sample_time"]:
         lines.append(f"  From sample to sample, and from and to the rests, u changes by h times a slope in [{rate[0]}, {rate[1]}].")
     elif rate:

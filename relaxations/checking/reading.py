@@ -100,6 +100,12 @@ def families(data: Any, where: str) -> dict[str, Any]:
     return {name(key, where): shaped(value, COEFFICIENTS, f"{where}.{key}") for key, value in data.items()}
 
 
+def tables(data: Any, where: str) -> dict[str, tuple[tuple[fmpq, ...], ...]]:
+    """Rows for every instant of a schedule by the names of outputs."""
+    require(isinstance(data, dict) and len(data) <= MOST_OUTPUTS, f"{where} names at most {MOST_OUTPUTS} outputs")
+    return {name(key, where): shaped(value, VECTORS, f"{where}.{key}") for key, value in data.items()}
+
+
 # A dictionary is an object of exactly these members, a tuple an array of such items, a list (item, least, most) an array of so many such
 # items, a set a choice; a pair with None may be null.
 PAIR = (real, real)
@@ -138,6 +144,7 @@ SCHEDULE = {
     "B": VECTORS,
     "C": VECTORS,
     "D": [real, 1, MOST_INSTANTS],
+    "outputs": tables,
 }
 TASK = {
     "plants": [PLANT, 0, 1],
@@ -216,7 +223,11 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     fine = length is None or (task.rest == "output" and length.time >= 0 and 0 < length.within <= 1)
     require(fine, "a tail length belongs to an output rest: a time from 0 on, a fraction from 0 to 1")
     start = task.initial_state
-    fine = start is None or any(task.box is None and not plant.zeros and len(start) == len(plant.denominator) - 1 for plant in task.plants)
+    fine = (
+        start is None
+        or task.schedule is not None
+        or any(task.box is None and not plant.zeros and len(start) == len(plant.denominator) - 1 for plant in task.plants)
+    )
     require(fine, "an initial state has as many numbers as the plant has poles, and goes without further zeros or a box")
     limits, plain = task.limits, task.rest == "state" and task.box is None and task.limits.sample_time is None
     fine = (limits.pulse_width is None and limits.pulses is None) or (plain and limits.pulse_width != 0 and limits.pulses != 0)

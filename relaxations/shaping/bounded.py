@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from relaxations.bounds import Bound
-from relaxations.errors import ShaperError
+from relaxations.errors import ShaperError, SolverError
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import Exact, LinearPlant, exact
 from relaxations.proofs import minimum_time
@@ -44,7 +44,7 @@ def plant_of(modes: Sequence[Mode]) -> LinearPlant:
 def bounded(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int = 0) -> BoundedShaper:
     """The shortest shaper with partial sums in [lower, upper], with residual vibration and `derivatives` of it zero at every mode.
 
-    Raises `ShaperError` unless lower ≤ 0 and upper ≥ 1, or if no such shaper was found.
+    Raises `ShaperError` unless lower ≤ 0 and upper ≥ 1, `SolverError` if no such shaper was found.
     """
     if not modes:
         raise ShaperError("a shaper needs at least one mode")
@@ -52,7 +52,7 @@ def bounded(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int 
         raise ShaperError(f"partial sums go from 0 to 1, so their bounds are at most 0 and at least 1, not {lower} and {upper}")
     found = minimum_time(problem([plant_of(modes)], Maneuver(exact(1), Limits.of(lower, upper), robustness=derivatives)))
     if found.command is None:
-        raise ShaperError(f"no sequence with partial sums in [{lower}, {upper}] was found: {found.reason or found.status.value}")
+        raise SolverError(f"no sequence with partial sums in [{lower}, {upper}] was found: {found.reason or found.status.value}")
     starts = [segment.start for segment in found.command.segments] + [found.command.maneuver_time]
     levels = [0.0, *(segment.level for segment in found.command.segments), 1.0]
     jumps = [(start, after - before) for start, before, after in zip(starts, levels[:-1], levels[1:], strict=True) if after != before]

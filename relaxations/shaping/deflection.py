@@ -71,7 +71,13 @@ def deflection_limited(
             f"a sample time of {step!r} s is too coarse to see how far a mode is deflected; at most {fastest / 2.0:.6g} s would do, "
             "a quarter of the fastest mode's damped period"
         )
-    fewest = max(math.ceil(max(mode.half_period for mode in modes) / step / 4.0), 2)
+    slowest = max(mode.half_period for mode in modes)
+    fewest = max(math.ceil(slowest / step / 4.0), 2)
+    if 2 * fewest > MOST_SAMPLES:
+        raise ShaperError(
+            f"samples of {step:.4g} s are {slowest / step:.4g} in half a period of the slowest mode; at most {MOST_SAMPLES} in all are "
+            f"searched, so a sample time from {slowest / MOST_SAMPLES:.4g} s on"
+        )
     low, high, found = fewest, 2 * fewest, None
     while found is None:
         found = _amplitudes(modes, limit, sums, derivatives, step, high)

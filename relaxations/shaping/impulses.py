@@ -17,6 +17,8 @@ from relaxations.shaping.shapers import Shaper
 
 Reals = NDArray[np.float64]
 
+MOST_NEGATIVE = 1e4  # what rounding leaves is then 1e-12
+
 
 def derivative_shaper(mode: Mode, derivatives: int = 0) -> Shaper:
     """ZV (0), ZVD (1), ZVDD (2) …: residual vibration and so many derivatives of it are zero at the mode.
@@ -66,6 +68,11 @@ def negative_zv(mode: Mode, negative: float) -> Shaper:
     """
     if not 0.0 < negative < math.inf:
         raise ShaperError(f"the specified negative amplitude is given as a positive number, not {negative!r}")
+    if negative > MOST_NEGATIVE:
+        raise ShaperError(
+            f"a negative amplitude of {negative!r} is more than {MOST_NEGATIVE:g}: impulses of that size, rounded to doubles, leave more "
+            "of the mode than nothing; 1 already takes but two thirds of the duration of zv"
+        )
 
     def system(x: Reals, damping: float) -> Reals:
         first, second, third = x

@@ -32,6 +32,8 @@ from relaxations.shaping.shapers import Shaper
 Reals = NDArray[np.float64]
 
 CELLS = 160  # instants of the first grid
+BROADEST = 1000.0  # ends of a band: the shaper lasts half a period of the lower one
+MOST_PERIODS = 100.0  # of the fastest mode in the slowest one's half period: more than the grid can tell apart
 SAMPLES = 9  # frequencies of a band at first
 ROUNDS = 12  # of exchange
 PROGRAMS = 40  # cone programs for one duration, at most
@@ -57,6 +59,8 @@ class Band:
         wrong = []
         if not 0.0 < self.low <= self.high < math.inf:
             wrong.append(f"a band goes from a factor above 0 to one that is no smaller, not from {self.low!r} to {self.high!r}")
+        elif self.high > BROADEST * self.low:
+            wrong.append(f"a band's ends differ by a factor of at most {BROADEST:g}, not from {self.low!r} to {self.high!r}")
         if not 0.0 < self.tolerance < 1.0:
             wrong.append(f"a tolerance is a fraction of the unshaped vibration between 0 and 1, not {self.tolerance!r}")
         if wrong:
@@ -91,6 +95,12 @@ def specified(bands: Sequence[Band], zeros: Sequence[tuple[Mode, int]] = ()) -> 
     if len(zeros) > 1 and not bands and (serving := _serves_all(zeros)):
         return specified([], [serving])
     slowest = max([band.mode.half_period / band.low for band in bands] + [mode.half_period * (count + 1) for mode, count in zeros])
+    fastest = max([band.mode.frequency * band.high for band in bands] + [mode.frequency for mode, _ in zeros])
+    if slowest * fastest > 2.0 * math.pi * MOST_PERIODS:
+        raise SolverError(
+            f"the shaper would last {slowest * fastest / (2.0 * math.pi):.4g} periods of {fastest:.6g} rad/s, the fastest mode or band; "
+            f"one solution is searched up to {MOST_PERIODS:g}; slow and fast modes apart are convolved"
+        )
     demands = _vanishing(zeros, slowest)
     for number, band in enumerate(bands):
         low, high = band.ends

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from relaxations.errors import ShaperError
 
+SLOWEST, FASTEST = 1e-100, 1e100  # [rad/s]: squares of frequencies and of instants still fit a double
+
 
 @dataclass(frozen=True, slots=True)
 class Mode:
@@ -19,6 +21,8 @@ class Mode:
         wrong = []
         if not (0.0 < self.frequency < math.inf):
             wrong.append(f"a mode's frequency is positive and finite, not {self.frequency!r} rad/s")
+        elif not SLOWEST <= self.frequency <= FASTEST:
+            wrong.append(f"a mode's frequency lies between {SLOWEST:g} and {FASTEST:g} rad/s, {self.frequency!r} rad/s does not")
         if not (0.0 <= self.damping < 1.0):
             wrong.append(f"a mode's damping ratio is at least 0 and less than 1 (from 1 on it does not vibrate), not {self.damping!r}")
         if wrong:

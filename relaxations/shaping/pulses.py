@@ -26,6 +26,7 @@ from relaxations.shaping.modes import Mode
 from relaxations.shaping.pulse_intervals import SHORTEST, Pulses, search
 from relaxations.shaping.shapers import Pulse, Shaper
 
+HIGHEST = 1e8  # of a height, in pulses of the fastest mode's half period: instants are rounded to 1e-16 of it
 MORE, MOST = 12, 400  # intervals beyond the fewest that are tried, and intervals at all
 
 
@@ -41,12 +42,17 @@ class PulseShaper:
 def pulsed(modes: Sequence[Mode], height: float, derivatives: int = 0) -> PulseShaper:
     """The shortest sequence of pulses of one `height` [1/s] with zero vibration and `derivatives` of it at every mode.
 
-    Raises `ShaperError` for a height that is not positive, or if no sequence was found.
+    Raises `ShaperError` for a height that is not positive or beyond what doubles hold, `SolverError` if no sequence was found.
     """
     if not modes:
         raise ShaperError("a shaper needs at least one mode")
     if not 0.0 < height < math.inf:
         raise ShaperError(f"the height of a pulse is positive and finite, not {height!r} 1/s")
+    if height * min(mode.half_period for mode in modes) > HIGHEST:
+        raise ShaperError(
+            f"pulses of {height!r} 1/s last less than {1.0 / HIGHEST:g} of half a period, which instants in doubles do not hold; up to "
+            f"{HIGHEST / min(mode.half_period for mode in modes):.4g} 1/s do, and impulses (zv) beyond"
+        )
     flexible = plant_of(modes)
     low = flexible.numerators[flexible.output].coeffs()[0]
     denominator = [fraction(c) for c in reversed((flexible.denominator * fmpq_poly([0, 1])).coeffs())]
@@ -54,7 +60,7 @@ def pulsed(modes: Sequence[Mode], height: float, derivatives: int = 0) -> PulseS
     limits = Limits.of(0, exact(repr(height)))
     bound = minimum_time(problem([plant], Maneuver(Fraction(1), limits, robustness=derivatives)))
     if bound.command is None:
-        raise ShaperError(f"no pulses of height {height!r} 1/s were found: {bound.reason or bound.status.value}")
+        raise SolverError(f"no pulses of height {height!r} 1/s were found: {bound.reason or bound.status.value}")
     starts = [segment.start for segment in bound.command.segments]
     ends = [*starts[1:], bound.command.maneuver_time]
     # A repaired command holds a level in between where an on-off one would switch: its pulses have the heights that it has.

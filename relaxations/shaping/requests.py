@@ -36,6 +36,20 @@ class Request:
     impulses: Shaper | None = None
     deflection: float | None = None
 
+    def contradictions(self) -> tuple[str, ...]:
+        """Bands of one mode of which one says nothing beside another, each told in words."""
+        found, bands = [], [band for _, band in self.reaches()] if len(self.modes) == 1 else []
+        for place, band in enumerate(bands):
+            for other in [one for number, one in enumerate(bands) if number != place]:
+                inside = other.low <= band.low and band.high <= other.high and other.tolerance <= band.tolerance
+                if inside and not (band == other and place == 0):
+                    found.append(
+                        f"{_written(band)} lies within {_written(other)} and allows no less: it says nothing; leave it out, or give it "
+                        f"a tolerance below {other.tolerance:g} or a reach beyond {other.low:g} to {other.high:g}"
+                    )
+                    break
+        return tuple(found)
+
     def reaches(self) -> tuple[tuple[int, Band], ...]:
         """Every band with the number of its mode, from 0; raises `ShaperError` if bands and modes do not go together."""
         modes, bands = self.modes, self.bands or ((*self.band, self.tolerance),)
@@ -65,8 +79,16 @@ class Least:
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A shaper, the least duration of such shapers where that is proven, and `ranges` that its kind keeps (mode, counted from 0; band)."""
+    """A shaper, the least duration of such shapers where that is proven, and `ranges` that its kind keeps (mode, counted from 0; band).
+
+    `notes` are sentences about both that whoever uses them should read.
+    """
 
     shaper: Shaper
     least: Least | None = None
     ranges: tuple[tuple[int, Band], ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def _written(band: Band) -> str:
+    return f"{band.low:g}:{band.high:g}@{band.tolerance:g}"

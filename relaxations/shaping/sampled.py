@@ -53,7 +53,13 @@ def sampled(zeros: Sequence[tuple[Mode, int]], sample_time: float) -> Sampled:
             f"a sample time of {sample_time!r} s is too coarse for {', '.join(f'{mode.frequency:.6g} rad/s' for mode in coarse)}: "
             f"the samples tell a mode from slower ones up to half its damped period, {least:.6g} s"
         )
-    high = math.ceil(max(mode.half_period * (count + 1) for mode, count in zeros) / sample_time)
+    slowest = max(mode.half_period * (count + 1) for mode, count in zeros)
+    high = math.ceil(slowest / sample_time)
+    if high > MOST_SAMPLES:
+        raise ShaperError(
+            f"a sample time of {sample_time!r} s puts some {slowest / sample_time:.4g} samples into the shaper; at most {MOST_SAMPLES} are "
+            f"searched, so from {slowest / MOST_SAMPLES:.4g} s on; without a sample time the instants are free"
+        )
     low, found = 0, _weights(zeros, sample_time, high)
     while found is None:
         low, high = high, 2 * high
