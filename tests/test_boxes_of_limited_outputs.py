@@ -78,6 +78,7 @@ def test_a_speed_is_kept_in_every_plant_and_all_of_it_is_used() -> None:
     assert other.fraction(lower * (1 - COARSE), 120) < 1.0 < other.fraction(upper * (1 + COARSE), 120)
 
 
+@pytest.mark.slow
 def test_a_limit_that_is_loose_changes_nothing() -> None:
     loose, free = stretched("10"), robust("1", "0.05", FIFTH)
     sides(loose)
@@ -113,6 +114,7 @@ def test_slopes_samples_and_fuel_with_them() -> None:
     assert lower >= plain.lower * (1 - 0.1)
 
 
+@pytest.mark.slow
 def test_a_list_of_plants() -> None:
     few = Listed(tuple(((Fraction(k),), SPRING.member([Fraction(k)])) for k in ("1", "1.1")))
     found = minimum_time(posed(few, (TENTH,), "0.5", "0.05", {"output_rate": "0.3"}))
@@ -143,7 +145,8 @@ def test_what_makes_no_sense_is_refused() -> None:
     both = LinearPlant(cart.denominator, {**cart.numerators, "other": cart.denominator * 0 + 1}, "output")
     axes = (moved.axis(both, "zero[1]", Fraction("0.8"), Fraction("1.25")),)
     with pytest.raises(ManeuverError, match="where the zeros of 'other' go in the box is not known"):
-        posed(moved.moved(both, axes), axes, "1", "0.05", {"other": "1"})
+        box = Box(axes, moved.moved(both, axes), Fraction("0.05"))
+        problem([both], Maneuver(Fraction(1), Limits.of(-1, 1, deflection={"other": "1"}), box=box))
 
 
 # Lies, told in certificates that are right but for them.
@@ -198,6 +201,9 @@ def test_the_truth_is_believed() -> None:
     assert pressed(opened(slow().certificate or b""))
 
 
-@pytest.mark.parametrize("lie", LIES)
+QUICK = ("a tighter limit", "no output in the box", "no prices of the output", "a longer lower side", "an output that is none of the box")
+
+
+@pytest.mark.parametrize("lie", [lie if lie in QUICK else pytest.param(lie, marks=pytest.mark.slow) for lie in LIES])
 def test_lies_are_not_believed(lie: str) -> None:
     assert outcome(LIES[lie]) is not Outcome.PROVED
