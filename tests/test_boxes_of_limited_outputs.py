@@ -144,9 +144,10 @@ def test_what_makes_no_sense_is_refused() -> None:
     cart = LinearPlant.from_transfer([1, 2], [1, "0.4", 2, 0])
     both = LinearPlant(cart.denominator, {**cart.numerators, "other": cart.denominator * 0 + 1}, "output")
     axes = (moved.axis(both, "zero[1]", Fraction("0.8"), Fraction("1.25")),)
+    box = Box(axes, moved.moved(both, axes), Fraction("0.05"))
+    maneuver = Maneuver(Fraction(1), Limits.of(-1, 1, deflection={"other": "1"}), box=box)
     with pytest.raises(ManeuverError, match="where the zeros of 'other' go in the box is not known"):
-        box = Box(axes, moved.moved(both, axes), Fraction("0.05"))
-        problem([both], Maneuver(Fraction(1), Limits.of(-1, 1, deflection={"other": "1"}), box=box))
+        problem([both], maneuver)
 
 
 # Lies, told in certificates that are right but for them.
