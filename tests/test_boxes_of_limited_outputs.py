@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import proving
 import pytest
-from box_tasks import SPRING, TWIN, axis, forged, robust
+from box_tasks import MASS, SPRING, TWIN, axis, forged, robust
 from forgery import number, opened, written
 from independent_boxes import Boxed
 
@@ -97,6 +97,13 @@ def test_a_stretch_is_kept_in_every_plant() -> None:
     other = Boxed(plants, 1.0, -1.0, 1.0, 0.05, deflections={"spring": 0.3}, window=7.0, looks=80)
     assert other.fraction(lower * (1 - COARSE), 120) < 1.0 < other.fraction(upper * (1 + COARSE), 120)
     assert sides(stretched("0.25"))[0] > upper
+
+
+@pytest.mark.slow
+def test_the_lightest_body_of_a_box_is_the_fastest() -> None:
+    """1/(m s²), m = 1 ± 10 %: the lightest keeps |v| ≤ 1/2 where the nominal one has 0.45, T = Δ/v + v/a with a = 1."""
+    lower, upper = sides(minimum_time(posed(MASS, (axis("m", "0.1"),), "1", "0.05", {"output_rate": "0.5"})))
+    assert lower <= 1 / 0.45 + 0.45 <= upper
 
 
 @pytest.mark.slow
