@@ -97,7 +97,7 @@ def test_a_band_is_kept_by_every_plant_and_proven_in_a_certificate():
 
 @pytest.mark.slow
 def test_bands_of_several_modes_are_one_box():
-    """Every plant of the box, simulated by itself, swings by no more than the tolerance. The upper side of damped modes may stay unproven."""
+    """Every plant of the box, simulated by itself, swings by no more than the tolerance. An upper side may stay unproven."""
     move, fast = Move(0.03, -1.0, 1.0), Mode(2 * math.pi * 2.6, 0.02)
     found = within_bands(move, [Band(MODE, 0.95, 1.05, 0.05), Band(fast, 0.96, 1.04, 0.05)])
     assert found.status in (Status.PROVED, Status.BRACKETED)
