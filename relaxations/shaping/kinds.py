@@ -18,6 +18,7 @@ from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import exact
 from relaxations.shaping.bounded import bounded
 from relaxations.shaping.comparisons import (
+    ONE_MODE,
     UNPROVEN,
     bounds_of,
     compared,
@@ -41,7 +42,9 @@ from relaxations.shaping.ranges import humped_ranges
 from relaxations.shaping.requests import Least, Made, Request
 from relaxations.shaping.sampled import Sampled, sampled
 from relaxations.shaping.shapers import Shaper, as_pulses, convolve
+from relaxations.shaping.small_tolerances import SMALLEST, within
 
+LARGER_TOLERANCE = "a tolerance so small is kept by a humped shaper, near the shortest; the least duration is that of a larger tolerance"
 SAME = 1.0 - 1e-5  # of a tolerance: humps are designed a hair below it
 CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 
@@ -208,11 +211,19 @@ def _negative(request: Request, number: int) -> Made:
 
 def _insensitive(request: Request, number: int) -> Made:
     reaches = request.reaches()
-    shortest = specified([band for _, band in reaches])
-    alone = request.simultaneous or len(request.modes) == 1
-    own = ([band for i, band in reaches if i == k] for k in range(len(request.modes)))
-    shaper = shortest.shaper if alone else reduce(convolve, (specified(bands).shaper for bands in own))
-    return Made(shaper, least_of(shortest.lower, "positive shapers within the tolerance over every band"))
+    bands = [band for _, band in reaches]
+    among, small = "positive shapers within the tolerance over every band", min(band.tolerance for band in bands) < SMALLEST
+    if request.simultaneous or len(request.modes) == 1:
+        shortest = within(bands)
+        return Made(shortest.shaper, least_of(shortest.lower, among), notes=(LARGER_TOLERANCE,) if small else ())
+    each = [within([band for i, band in reaches if i == k]) for k in range(len(request.modes))]
+    lower = max((one.lower for one in each if one.lower is not None), default=None)
+    notes = [LARGER_TOLERANCE] if small else []
+    try:
+        lower = max(lower or 0.0, specified(bands).lower or 0.0) or None
+    except SolverError:
+        notes.append(ONE_MODE)
+    return Made(reduce(convolve, (one.shaper for one in each)), least_of(lower, among), notes=tuple(notes))
 
 
 def _unity(request: Request, number: int) -> Made:
