@@ -18,10 +18,10 @@ from relaxations import certificates, programs
 from relaxations.bounds import Bound, Settings, Status, extended, ramped
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
-from relaxations.courses import smoothed
 from relaxations.duality import Costate, lower_bound, slid
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
+from relaxations.presses import smoothed
 from relaxations.prices import Prices
 from relaxations.refinement import Extremal
 from relaxations.repair import SNAP, Repaired, exact, repair

@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from relaxations.courses import FINE, MOST_SHORT, Course, Motion, Press
+from relaxations.courses import FINE, MOST_SHORT, Course, Motion
 from relaxations.errors import ManeuverError
 from relaxations.limits import Limits
 from relaxations.moments import Basis
+from relaxations.presses import Press
 from relaxations.transitions import VaryingPlant
 
 Reals = NDArray[np.float64]
