@@ -257,7 +257,7 @@ def test_a_level_that_lasts_no_sample_does_not_divide_a_step() -> None:
         segments = data["upper"]["segments"]
         levels = [Fraction(0), *(number(segment["level"]) for segment in segments), Fraction(0)]
         steps = [abs(after - before) for before, after in pairwise(levels)]
-        place = int(np.argmax(steps))
+        place = steps.index(max(steps))
         assert 0 < place < len(segments)  # a step between two levels
         allowed = max([steps[place] / 2, *(step for i, step in enumerate(steps) if i != place)]) * Fraction(1001, 1000)
         assert allowed < steps[place]
