@@ -326,6 +326,14 @@ _PERIOD = (
     "asks for what mzv is not: it is told by 3/4 of one mode's period, and several modes have several; without it one for each mode is "
     "convolved, and zv with it is the shortest positive shaper of the same zeros"
 )
+_SHAPE = (
+    "asks for what sna-zv is not: it is three impulses A, -b, 1 + b - A, which have no numbers left for a second mode; without it one for "
+    "each mode is convolved, and sums-zv with --sums -b:1+b is one solution for all modes, with partial sums within these bounds"
+)
+_UNITY = (
+    "asks for what is not made: impulses 1, -1, 1 … amplify where another mode has its humps, and no solution with all humps at the "
+    "tolerance is known here; without it one for each mode is convolved, um-zv-d:N and ei with it are one solution for all modes"
+)
 _EITHER = frozenset({"simultaneous", "pulse"})
 _PULSE = frozenset({"pulse"})
 KINDS = (
@@ -339,9 +347,9 @@ KINDS = (
     Kind("si", "si", "the shortest within the tolerance over the band", _insensitive, _EITHER),
     Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity, _EITHER, zeros=_all),
     Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _PULSE,
-         zeros=_between_unity_humps),
+         zeros=_between_unity_humps, apart=_UNITY),
     Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _PULSE | {"negative"}, frozenset({"negative"}),
-         _once),
+         _once, _SHAPE),
     Kind("sums-zv, sums-zvd, sums-zv-d:N", r"sums-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest with partial sums within bounds", _sums,
          _EITHER | {"sums"}, frozenset({"sums"}), _all),
     Kind("pulses-zv, pulses-zvd, pulses-zv-d:N", r"pulses-zv(?:(?P<d>d*)|-d:(\d+))", "pulses of one height and variable duration", _on_off,
