@@ -190,7 +190,6 @@ LIES: dict[str, Any] = {
         data["claim"].update(upper=None),
         *(sample.update(deflection=[]) for sample in data["lower"]["samples"]),
     ],
-    "prices of another plant": lambda data: [data["claim"].update(upper=None), pressed(data).update(place=["1.1"])],
     "a longer lower side": lambda data: [data["claim"].update(upper=None), scaled(data, ("claim", "lower"), "1.002")],
     "a shorter upper side": lambda data: [data["claim"].update(lower=None), scaled(data, ("claim", "upper"), "0.9999")],
     "a wider limit below": lambda data: [
