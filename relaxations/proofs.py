@@ -50,6 +50,7 @@ from relaxations.robust.proofs import robust_time
 from relaxations.robust.search import further, minimum
 from relaxations.sampling import sampled_bracket
 from relaxations.sides import RADII, Proof, Side, accepted, closing, concluded, instant_proof, landed, lower_side, rounded
+from relaxations.spending import spending
 from relaxations.thrusters import Pulsed, admissible, pulsed_commands
 from relaxations.varying import varying_time
 
@@ -325,6 +326,9 @@ def _impossible(problem: Problem) -> Iterator[tuple[str, dict[str, Any] | None]]
     """Criteria by which a task may be impossible, each with its witness."""
     if problem.fuel is not None or _rests_on_a_limit(problem):
         yield from ((form, None) for form in ("face", "remainder", "fuel"))
+    if (asked := spending(problem)) is not None:
+        costate, price, touched = asked
+        yield "fuel", certificates.costate_witness(problem, costate, touched, Prices(price))
     box = problem.maneuver.box
     if box is not None and (place := box.beyond()) is not None:
         yield "final", certificates.place_witness(problem, place)

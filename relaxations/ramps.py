@@ -151,7 +151,7 @@ def bound(
         inside = np.flatnonzero((centre > ramp.edges[0]) & (centre < ramp.edges[-1]))
         if not len(inside):
             continue
-        level = np.array([ramp.levels[min(int(np.searchsorted(ramp.edges, x)) - 1, len(ramp.levels) - 1)] for x in centre[inside]])
+        level = np.array(ramp.levels)[np.minimum(np.searchsorted(ramp.edges, centre[inside]), len(ramp.levels)) - 1]
         rest = (middle[inside] - level) * cells[inside]
         q = np.concatenate([[0.0], np.cumsum(rest)])
         shift = 0.0

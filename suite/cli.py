@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import sys
+from dataclasses import replace
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
@@ -310,6 +311,12 @@ def linearize(
 @click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),
               help="Write it for others: .cfg (Klipper), .g (RepRapFirmware), .h (C).")  # fmt: skip
 @click.option("--save", type=click.Path(path_type=Path), help="Write a shaper file, for `slewcert fmus export`.")
+@click.option(
+    "--reference",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Shape this: a command or spline file (JSON), or a table of samples (CSV; times first).",
+)
+@click.option("--shaped", type=click.Path(path_type=Path), help="Write what becomes of it: .json, or .csv of a spline or samples.")
 @AS_JSON
 @guarded
 def shaper(
@@ -319,18 +326,23 @@ def shaper(
     save: Path | None,
     command: Path | None,
     certificate: Path | None,
+    reference: Path | None,
+    shaped: Path | None,
     **words: Any,
 ) -> None:
     """Make a shaper of KIND for one or several modes, and prove its worst residual vibration over a box of frequency and damping.
 
     Exit code 0: done; 1: there is no such shaper, or none was found; 2: bad input.
     """
-    from suite import console_shapers, shaper_files, shaping
+    from suite import console_shapers, shaper_files, shaper_references, shaping
 
     pulses = words["pulse"] is not None or words["height"] is not None
-    wrong = [*shaper_files.mistakes(exports, (command, certificate), words["move"], pulses)]
+    wrong = [*shaper_files.mistakes(exports, (command, certificate), words["move"], pulses), *shaper_references.mistakes(reference, shaped)]
+    given = None if reference is None else shaper_references.read_reference(reference)
     with search_errors():
         done = shaping.design(shaping.Asked(**words), wrong)
+    if given is not None and shaped is not None:
+        done = replace(done, shaped=shaper_references.write_shaped(given, done.shaper, shaped))
     for path in exports:
         shaper_files.export(done, path)
     if save:

@@ -64,7 +64,7 @@ def measured_decay(file: Path, signal: str | None = None, begin: float | None = 
     if file.stat().st_size > LARGEST_FILE:
         raise SuiteError(f"{file} has more than {LARGEST_FILE} bytes; cut the decay out of it")
     try:
-        name, times, values, own = _log(file, signal) if file.suffix == ".mcap" else _table(file, signal)
+        name, times, values, own = _log(file, signal) if file.suffix == ".mcap" else table_series(file, signal)
         first = own if begin is None else begin
         kept = (times >= first) & (times <= (math.inf if end is None else end))
         if not kept.any():
@@ -77,7 +77,7 @@ def measured_decay(file: Path, signal: str | None = None, begin: float | None = 
     return Measured(file, name, float(times[0]), float(times[-1]), found)
 
 
-def _table(file: Path, signal: str | None) -> tuple[str, Reals, Reals, float]:
+def table_series(file: Path, signal: str | None) -> tuple[str, Reals, Reals, float]:
     """Name, times, values and where to begin, of a table whose first column is the time [s], with or without a line of names."""
     try:
         with file.open(newline="", encoding="utf-8-sig") as lines:

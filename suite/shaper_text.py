@@ -45,8 +45,14 @@ def shaper_lines(done: Shaping) -> Iterator[str]:
         box = f"frequency × {reach.band.low:.6f} to {reach.band.high:.6f}"
         sides = interval((reach.worst.lower, reach.worst.upper))
         yield f"worst residual vibration over mode {reach.mode}'s own range, {box}: {sides}: proved (tolerance {reach.band.tolerance:g})"
+    yield from (f"note: {note}" for note in done.notes)
     if done.move is not None:
         yield from move_lines(done.move)
+    if done.shaped is not None:
+        made = done.shaped
+        what = made.reference.kind if made.degree is None else f"{made.reference.kind}, pieces of degree {made.degree}"
+        jumps = f"a derivative jumps at {made.communication_points} instants"
+        yield f"shaped {what}: {made.begin:.10g} to {made.end:.10g} s, {jumps}: {made.file}"
 
 
 def move_lines(done: Moved) -> Iterator[str]:

@@ -22,6 +22,7 @@ from relaxations.shaping.shapers import Shaper
 from suite.decays import Measured, measured_decay
 from suite.errors import SuiteError
 from suite.shaper_moves import Moved, moved
+from suite.shaper_references import ShapedReference
 from suite.sources import read_shaper
 from suite.suggestions import did_you_mean
 from suite.values import split_mode
@@ -80,7 +81,7 @@ class Shaping:
     """The answer: the shaper, its least duration if known, its insensitivity at the tolerance, its proven worst residual over each band.
 
     `ranges`: those that the kind keeps by itself, where it does.
-    `deflection`: the largest one from the shaped step lies between these, where it was to be limited.
+    `deflection`: the largest one from the shaped step lies between these, where it was to be limited. `notes`: what to know of the above.
     """
 
     kind: str
@@ -94,6 +95,8 @@ class Shaping:
     deflection: tuple[float, float] | None = None
     move: Moved | None = None
     ranges: tuple[Reach, ...] = ()
+    notes: tuple[str, ...] = ()
+    shaped: ShapedReference | None = None
 
     @property
     def worst(self) -> tuple[float, float]:
@@ -130,8 +133,10 @@ class Shaping:
             "worst_at": {"mode": at.mode, "frequency": at.worst.frequency, "damping": at.worst.damping},
             "bands": [reach.to_dict() for reach in self.reaches],
             "ranges": [reach.to_dict() for reach in self.ranges],
+            "notes": list(self.notes),
         }
-        return record if self.move is None else {**record, "move": self.move.to_dict()}
+        further = {"move": self.move, "shaped": self.shaped}
+        return {**record, **{name: made.to_dict() for name, made in further.items() if made is not None}}
 
 
 def design(asked: Asked, further: Sequence[str] = ()) -> Shaping:
@@ -171,7 +176,8 @@ def assess(kind: str, request: Request, damping: tuple[float, float] | None = No
     if request.deflection is not None:
         each = [deflection(made.shaper, mode) for mode in request.modes]
         strays = max(one.lower for one in each), max(one.upper for one in each)
-    return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping, deflection=strays, ranges=tuple(kept))
+    return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping,
+                   deflection=strays, ranges=tuple(kept), notes=made.notes)  # fmt: skip
 
 
 def _reach(shaper: Shaper, number: int, band: Band, damping: tuple[float, float] | None) -> Reach:

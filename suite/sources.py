@@ -13,15 +13,25 @@ from relaxations.shaping import shapers
 from relaxations.shaping.shapers import Shaper
 from suite.errors import SuiteError
 
-READERS = {commands.FORMAT: Command.from_dict, shapers.FORMAT: Shaper.from_dict}
+SPLINE = "slewcert-spline/1"
+
+
+def _lines(data: Mapping[str, object]) -> Command:
+    """A spline as lines within 1e-6 of its excursion, with a switch at every knot."""
+    from relaxations.shaping.splines import Spline
+
+    return Spline.from_dict(data).lines()
+
+
+READERS = {commands.FORMAT: Command.from_dict, shapers.FORMAT: Shaper.from_dict, SPLINE: _lines}
 
 
 class SourceError(SuiteError):
     """A file that is no command or shaper file."""
 
 
-def read_command_or_shaper(path: Path, formats: tuple[str, ...] = tuple(READERS)) -> Command | Shaper:
-    """A file of one of the `formats`; of what `slewcert bound --json` printed the command. Raises `SourceError`, `OSError`."""
+def read_command_or_shaper(path: Path, formats: tuple[str, ...] = (commands.FORMAT, shapers.FORMAT)) -> Command | Shaper:
+    """A file of one of the `formats`; of what `slewcert bound --json` printed the command, of a spline lines. Raises `SourceError`."""
     what = " or ".join({commands.FORMAT: "command", shapers.FORMAT: "shaper"}[name] for name in formats) + " file"
     if path.is_dir():
         raise SourceError(f"{path} is a folder, not a {what}")
@@ -36,7 +46,7 @@ def read_command_or_shaper(path: Path, formats: tuple[str, ...] = tuple(READERS)
         if data is None:
             raise SourceError(f"{path} is the answer of a study without a command: there is none in it")
     found = data.get("format") if isinstance(data, Mapping) else None
-    if not isinstance(found, str) or found not in formats:
+    if not isinstance(found, str) or not (found in formats or (found == SPLINE and commands.FORMAT in formats)):
         raise SourceError(f'{path} is no {what}: its "format" is {found!r}, not {" or ".join(map(repr, formats))}')
     try:
         return READERS[found](data)

@@ -6,18 +6,19 @@ from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 from math import exp, log
+from typing import Any
 
 import numpy as np
 import proving
 import pytest
-from forgery import certificate, costate, task
+from forgery import certificate, changed, costate, number, task, written
 from independent_limits import Limited
 from problems import transfer
 
 from relaxations.bounds import Bound, Status
 from relaxations.checking.claims import Outcome, check, claim
 from relaxations.errors import ManeuverError
-from relaxations.maneuvers import Limits, Maneuver, problem
+from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant, exact
 from relaxations.proofs import LIMITED, REGULAR, minimum_time
 
@@ -160,3 +161,51 @@ def test_a_lag_in_closed_form() -> None:
     # 1/(s (s+1)), |u| ≤ 1, U = 1.1: u = 1 at first for 1.05 s, -1 for 0.05 s at the end, and ∫u e^{-s} ds = 0 over the time to go.
     lower, upper = sides(bound(LAG, "1", "1.1"))
     assert lower <= log((exp(1.05) - 1) / (1 - exp(-0.05))) <= upper
+
+
+# Too little for any time: sharp for one mode that begins elsewhere than at rest, and with a tail.
+
+PENDULUM = LinearPlant.from_transfer([1], [1, 0, 1])
+
+
+@pytest.mark.parametrize(("fuel", "status"), [("0.1", Status.IMPOSSIBLE), ("1.726", Status.IMPOSSIBLE), ("1.74", Status.PROVED)])
+def test_a_swing_takes_as_much_fuel_as_its_momentum(fuel: str, status: Status) -> None:
+    """√(1.7² + 0.3²) = 1.72627 is what every input has to do at least, however long it may take."""
+    found = minimum_time(problem([PENDULUM], Maneuver(Fraction(0), Limits.of(-1, 1, fuel), initial=(Fraction("1.7"), Fraction("0.3")))))
+    assert found.status is status
+    assert found.certificate is not None
+    assert check(found.certificate).outcome is Outcome.PROVED
+
+
+def test_a_mass_that_moves_takes_its_momentum() -> None:
+    mass = LinearPlant.from_transfer([1], [1, 0, 0])
+    for fuel, status in (("0.99", Status.IMPOSSIBLE), ("1.4", Status.PROVED)):
+        found = minimum_time(problem([mass], Maneuver(Fraction(1), Limits.of(-1, 1, fuel), initial=(Fraction(0), Fraction(1)))))
+        assert found.status is status, found.reason
+
+
+@pytest.mark.parametrize(
+    ("numerator", "denominator", "needed"),
+    [([1, 2], [1, 1, 0], "1"), ([1, 2], [1, 1, 1, 0], "0.7"), ([1, 2, 5], [1, 1, 1, 0], "0.3")],
+)
+def test_a_tail_does_not_replace_the_fuel(numerator: list[int], denominator: list[int], needed: str) -> None:
+    plant = LinearPlant.from_transfer(numerator, denominator)
+
+    def asked(fuel: Fraction) -> Problem:
+        return problem([plant], Maneuver(Fraction(2), Limits(Fraction(-1), Fraction(1), fuel), tail=True))
+
+    found = minimum_time(asked(Fraction(needed) * Fraction(99, 100)))
+    assert found.status is Status.IMPOSSIBLE
+    assert found.certificate is not None
+    content = found.certificate
+    assert check(content).outcome is Outcome.PROVED
+    assert minimum_time(asked(Fraction(needed) * 2)).status is not Status.IMPOSSIBLE
+
+    def richer(data: Any) -> None:
+        data["task"]["limits"]["fuel"] = "3"
+
+    def cheaper(data: Any) -> None:  # the costate is larger than the price somewhere
+        data["lower"]["fuel"] = written(number(data["lower"]["fuel"]) * Fraction(9, 10))
+
+    for change in (richer, cheaper):
+        assert check(changed(content, change)).outcome is Outcome.INCONCLUSIVE

@@ -99,11 +99,10 @@ def test_instants_on_a_sample_grid_leave_nothing(kind: str, step: float):
 
 
 @pytest.mark.slow
-def test_many_derivatives_are_made_at_once_and_nothing_is_claimed_of_them():
+def test_many_derivatives_are_made_at_once():
     found = record("zv-d:300", "--mode", "1Hz:0.05")
-    assert found["least_duration"] is None
-    assert found["worst_residual"][1] < 1e-9
-    assert "least duration: none was proven" in run("zv-d:300", "--mode", "1Hz:0.05").stdout
+    assert found["least_duration"]["lower"] == pytest.approx(found["duration"], rel=1e-13)
+    assert found["worst_residual"][1] < 1e-7
 
 
 def test_the_table_says_what_is_proved_and_what_is_measured():

@@ -9,9 +9,9 @@ asks for ∫_0^T e^{as} u ds + ∫_0^∞ e^{-ar} v dr = m:
 face       if u may leave 0 to one side only, and m is 0 or on the other side, then u is 0 almost everywhere: nothing moves.
 final      of a box: a plant of it comes to rest too far from the target, whatever the command (`members.Shift`).
 remainder  if a is stable and u_ss is a limit, then m = u_ss ∫_0^∞ e^{as} ds, v is on one side of 0, and the left side is never that large.
+fuel       a budget of fuel is less than a pole that does not decay asks for (`spent`).
 
-A budget of fuel adds μ fuel on the right, μ ≥ 0, and σ(p) = max(0, upper (p - μ)) + max(0, lower (p + μ)), both parts of the kind above. It
-may make a task impossible too: where the pole is 0, and there is no tail, m = ∫_0^T u ds is at most the fuel.
+A budget of fuel adds μ fuel on the right, μ ≥ 0, and σ(p) = max(0, upper (p - μ)) + max(0, lower (p + μ)), both parts of the kind above.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any
 import flint
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes, courses, members, ramps
+from relaxations.checking import boxes, courses, members, ramps, spent
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -36,14 +36,17 @@ def impossible(system: System, criterion: str, witness: Any) -> None:
         require(system.task.box is not None and bool(witness and len(witness.samples) == 1), "one plant that rests too far from its target")
         members.too_far(system.task, witness.samples[0].place)
         return
+    if criterion == "fuel":
+        if not spent.too_little(system, witness, costate):
+            raise Undecided("at no pole that does not decay the fuel is proven too little")
+        return
     if system.begin:
         raise Undecided("the criteria speak of moves from rest")
     begins = accumulate((root.size for root in system.roots), initial=0)
     poles = [(root.value.real, system.target[i, 0]) for root, i in zip(system.roots, begins, strict=False) if not root.flexible]
-    fuel, right = system.task.limits.fuel, [(a, m) for a, m in poles if all(zero.value.real < a for zero in system.zeros)]
+    right = [(a, m) for a, m in poles if all(zero.value.real < a for zero in system.zeros)]
     met = {
         "face": any((m <= 0 and system.lower == 0) or (m >= 0 and system.upper == 0) for _, m in right),
-        "fuel": fuel is not None and not system.zeros and not system.begin and any(a.is_zero() and abs(m) > fuel for a, m in poles),
         "remainder": system.rest != 0 and system.rest in (system.lower, system.upper) and any(a < 0 for a, _ in right),
     }
     if not met[criterion]:

@@ -1,4 +1,4 @@
-"""Extra-insensitive shapers: the residual vibration touches a tolerance instead of vanishing at the mode alone (docs/theory.md, section 5).
+"""Extra-insensitive shapers: the residual vibration touches a tolerance instead of vanishing at the mode alone (docs/theory.md, section 8).
 
 `F(ν) = Σ A_i e^{κν(φ_i - φ_n)}`, κ = ζ + j√(1 - ζ²), is the residual at ν times the mode's frequency, φ_i = ωt_i, with ζ held. With m zeros
 its modulus has m - 1 humps between them:
@@ -8,105 +8,257 @@ its modulus has m - 1 humps between them:
 EI has one hump, at the mode; 2-hump EI a zero there, and so on: any number. Undamped and with positive amplitudes that is the
 Dolph-Chebyshev sequence at half periods, from which damping is followed; published polynomial fits are not used. With amplitudes 1, -1, 1 …
 the zeros split from the multiple one of the shaper with derivatives, in Chebyshev's pattern again.
+
+Such a solution exists up to a largest V, which falls with damping: there the highest zero has gone beyond all frequencies and the last two
+impulses have become one, or V is largest on the curve of solutions (large V). Of a tolerance above it the shaper with that largest V is
+made: it keeps the tolerance all the more, and is continuous in damping and tolerance. With one hump it is the ZV shaper of a lower
+frequency, whose highest residual beyond its zero is at the mode.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from flint import acb, arb
 from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import NDArray
 
 from relaxations.errors import ShaperError, SolverError
+from relaxations.plants import precision
 from relaxations.shaping.bounded import bounded
 from relaxations.shaping.continuation import continued
 from relaxations.shaping.modes import Mode
+from relaxations.shaping.paths import CLOSE, CLOSED, Point, Vector, followed, solved
+from relaxations.shaping.ripples import MultipleZero, Ripples
 from relaxations.shaping.shapers import Shaper
 
 Reals = NDArray[np.float64]
 
-FIRST_RIPPLE = 1e-3  # so small that the Chebyshev pattern is the solution but for terms of higher order
 MOST_HUMPS = 12  # the equations' condition grows with each
+LEAST_TOLERANCE = 1e-13  # below it doubles' own rounding is no longer small
+ROUNDED = 1e-15  # of what is left: what rounding to doubles may add, for each zero; with impulses 1, -1, 1 … for each unit of phase
+MOST_ROUNDED = 0.5  # of a tolerance, that is given up for it
+PLAIN = 1e-3  # tolerances from here on are solved in doubles where that goes
+SPREAD = 0.25  # of √(1 - ζ²)/(mπ): so close to each other zeros are in Chebyshev's pattern
+LONGER = 2  # times as long as with derivatives: impulses 1, -1, 1 … are made no longer
+MERGED = 0.05  # phase between the last two impulses from which they are made one
+BITS = 128
 
 
 @dataclass(frozen=True, slots=True)
 class Humped:
-    """A shaper, and the modes at which it has its zeros, at the mode's damping, in ascending order of frequency."""
+    """A shaper, the modes at which it has its zeros, at the mode's damping, in ascending order of frequency, and its humps' height.
+
+    `ripple` is the tolerance but for rounding, or the largest one that such a shaper can use.
+    """
 
     shaper: Shaper
     zeros: tuple[Mode, ...]
+    ripple: float
 
 
 def extra_insensitive(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
     """EI (1), 2-hump EI (2) … with positive amplitudes at any damping; V = `tolerance`, a fraction of the unshaped vibration, in (0, 1).
 
-    Raises `ShaperError` for values outside, `SolverError` where the damping cannot be reached.
+    Raises `ShaperError` for values outside, `SolverError` where the numerics fail.
     """
-    _require(tolerance, humps)
-    zeros = humps + 1
-    amplitudes, places = _undamped(tolerance, zeros)
-    phases: Reals = np.pi * np.arange(1.0, zeros + 1.0)
-    try:
-        found = continued(
-            lambda x, damping: _equations(x[:zeros], x[zeros : 2 * zeros + 1], x[2 * zeros + 1 :], damping, tolerance, True),
-            np.concatenate([phases, amplitudes, np.delete(places, len(places) // 2)]),
-            mode.damping,
-        )
-    except SolverError as problem:  # with damping the highest zeros move away, in the end beyond all frequencies
-        raise SolverError(
-            f"{humps} hump(s) of {tolerance!r} at increasing damping: {problem}; fewer humps reach farther, si and zv-d:N any damping"
-        ) from None
-    shaper = Shaper((0.0, *map(float, found[:zeros] / mode.frequency)), tuple(map(float, found[zeros : 2 * zeros + 1])))
-    return Humped(shaper, _zeros(mode, found[2 * zeros + 1 :]))
+    aim = _require(tolerance, humps)
+    if aim >= PLAIN:
+        try:
+            return _plain(mode, aim, humps)
+        except SolverError:
+            pass  # the solution ends before this damping, or doubles do not tell: from the multiple zero at this damping, then
+    zeros, n = humps + 1, humps + 2
+    with _digits(_first_ripple(mode, zeros, aim)) as (first, spread):
+        damping = arb(mode.damping)
+        root = (1 - damping * damping).sqrt()
+        decay = (-damping * arb.pi() / root).exp()
+        phases = [(n - 1 - i) * arb.pi() / root for i in range(n)]
+        amplitudes = [math.comb(zeros, i) * decay**i / (1 + decay) ** zeros for i in range(n)]
+        ripples = Ripples(damping, n, 2 * zeros - 1, zeros - 1, merging=True)
+        end = _spread(ripples, phases, amplitudes, spread, first, aim)
+        if not (end.goal or end.end) and end.x[n - 2] < MERGED:
+            ripples, end = _merged(ripples, end)
+        elif not (end.goal or end.end):
+            raise SolverError(_lost(humps, tolerance, end))
+        return _humped(mode, ripples, end)
 
 
 def unity_magnitude(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
     """The same with impulses 1, -1, 1 … (2 humps + 3 of them): the shaped step switches between 0 and 1.
 
+    With damping large humps take ever longer impulses: V is no larger than what takes twice as long as the shaper with derivatives.
     Raises as `extra_insensitive`.
     """
-    _require(tolerance, humps)
+    aim = _require(tolerance, humps)
+    zeros, given = humps + 1, tuple((-1) ** i for i in range(2 * humps + 3))
+    with _digits(_first_ripple(mode, zeros, aim)):
+        phases = unity_phases(mode.damping, humps)
+        aim = min(aim, tolerance - ROUNDED * min(LONGER * float(phases[0]), MOST_ROUNDED * tolerance / ROUNDED))
+        ripples = Ripples(arb(mode.damping), len(given), 2 * zeros - 1, zeros - 1, given)
+        bend = abs(sum((a * (ripples.direction * p) ** zeros * (-ripples.direction * p).exp()
+                        for a, p in zip(given, phases, strict=True)), acb(0))) / math.factorial(zeros)  # fmt: skip
+        spread = SPREAD * (1 - arb(mode.damping) ** 2).sqrt() / (zeros * arb.pi())
+        first = bend * spread**zeros / 2 ** (zeros - 1)
+        if first > arb(aim) / 2:
+            first, spread = arb(aim) / 2, spread * (arb(aim) / 2 / first).root(zeros)
+        end = _spread(ripples, phases, [], spread, first, aim, LONGER * phases[0])
+        if not (end.goal or end.end):
+            raise SolverError(_lost(humps, tolerance, end))
+        return _humped(mode, ripples, end)
+
+
+def unity_phases(damping: float, derivatives: int) -> Vector:
+    """Phases ψ before the last impulse of 1, -1, 1 … with zero vibration and so many derivatives: the undamped ones, followed in damping.
+
+    At the precision that is set. Raises `SolverError`.
+    """
+    still = _undamped_unity(derivatives)
+    system = MultipleZero(tuple((-1) ** i for i in range(len(still))))
+    start = solved(system, [*map(arb, still[:-1]), arb(0)], None, CLOSED)
+    end = None if start is None else Point(start[:-1], arb(0), True)
+    if damping and start is not None:
+        end = followed(system, start[:-1], arb(0), arb(damping), _ordered)
+    if end is None or not end.goal:
+        raise SolverError(f"impulses 1, -1, 1 … with {derivatives} derivative(s) were not found at damping {damping!r}")
+    return [*end.x, arb(0)]
+
+
+def unity_derivatives(mode: Mode, derivatives: int) -> Shaper:
+    """Impulses 1, -1, 1 … with zero vibration and so many derivatives, at any damping. Raises `SolverError`."""
+    first = _first_ripple(mode, derivatives + 1, LEAST_TOLERANCE)
+    with _digits(first):
+        phases = unity_phases(mode.damping, derivatives)
+        return as_doubles(mode, phases, [(-1) ** i for i in range(len(phases))])
+
+
+@lru_cache(maxsize=32)
+def _undamped_unity(derivatives: int) -> tuple[float, ...]:
+    times = bounded([Mode(1.0)], 0, 1, derivatives).shaper.times
+    if len(times) != 2 * derivatives + 3:
+        raise SolverError(f"impulses 1, -1, 1 … with {derivatives} derivatives were not found")
+    return tuple(times[-1] - t for t in times)
+
+
+def _require(tolerance: float, humps: int) -> float:
+    """The height at which humps are designed, so that the tolerance holds for what is rounded to doubles."""
+    if not 0.0 < tolerance < 1.0:
+        raise ShaperError(f"a tolerance is a fraction of the unshaped vibration between 0 and 1, not {tolerance!r}")
+    if tolerance < LEAST_TOLERANCE:
+        raise ShaperError(
+            f"a tolerance of {tolerance!r} is lost in the rounding of times and amplitudes; humps are from {LEAST_TOLERANCE!r} on, "
+            f"and {'zv' + 'd' * min(humps, 2) if humps < 3 else f'zv-d:{humps}'} leaves nothing at the mode"
+        )
+    if not 1 <= humps <= MOST_HUMPS:
+        raise ShaperError(f"humps are counted from 1 to {MOST_HUMPS}, not {humps}")
+    return tolerance - min(ROUNDED * (humps + 1), MOST_ROUNDED * tolerance)
+
+
+def _lost(humps: int, tolerance: float, end: Point) -> str:
+    return f"{humps} hump(s) of {tolerance!r} were not found; {float(end.w.exp()):.4g} is possible, fewer humps too"
+
+
+@contextmanager
+def _digits(first: tuple[float, float]) -> Iterator[tuple[arb, arb]]:
+    """So many that the first ripple, e^`first`, is not lost in rounding; V and spread to begin with."""
+    with precision(BITS + int(-2.0 * first[0] / math.log(2.0))):
+        yield arb(first[0]).exp(), arb(first[1])
+
+
+def _first_ripple(mode: Mode, zeros: int, aim: float) -> tuple[float, float]:
+    """(log V, spread): `|F| = |κπK/(√(1-ζ²)(1 + K))|^m |ν - 1|^m` near the mode of the shaper with derivatives, K its decay."""
+    root = math.sqrt(1.0 - mode.damping**2)
+    bend = zeros * (math.log(math.pi / root) - mode.damping * math.pi / root - math.log1p(mode.decay))
+    spread = SPREAD * root / (zeros * math.pi)
+    first = bend + zeros * math.log(spread) - (zeros - 1) * math.log(2.0)
+    most = math.log(aim) - 1.0
+    return (first, spread) if first <= most else (most, spread * math.exp((most - first) / zeros))
+
+
+def _spread(ripples: Ripples, phases: Vector, amplitudes: Vector, spread: arb, first: arb, aim: float, most: arb | None = None) -> Point:
+    """From the multiple zero to humps of V = `first`, and from them as far as to V = `aim`."""
+    m = ripples.middle + 1
+    places = [1 - spread * (k * arb.pi() / (2 * m)).cos() for k in range(1, 2 * m)]
+    apart = solved(lambda x, w: ripples.apart(x, w, places), [*phases[:-1], *amplitudes, arb(0)], None, CLOSE)
+    end = None
+    if apart is not None:
+        n = ripples.impulses
+        start = ripples.unknowns([*apart[: n - 1], arb(0)], apart[n - 1 : -1], places)
+        end = followed(ripples, start, first.log(), arb(aim).log(), lambda x: _proper(ripples, x), most)
+    if end is None:
+        raise SolverError(f"zeros near {m - 1} derivative(s) at damping {float(ripples.damping)!r} were not found")
+    return end
+
+
+def _proper(ripples: Ripples, x: Vector) -> bool:
+    if ripples.merging and not x[ripples.impulses - 2] > 0:
+        return False
+    phases, amplitudes, places = ripples.parts(x)
+    return _ordered(phases[:-1]) and _ordered(places[::-1]) and (bool(ripples.given) or all(a > 0 for a in amplitudes))
+
+
+def _ordered(phases: Vector) -> bool:
+    """Strictly descending, and positive."""
+    return all(a > b for a, b in zip(phases, [*phases[1:], arb(0)], strict=True))
+
+
+def _merged(ripples: Ripples, near: Point) -> tuple[Ripples, Point]:
+    """The end of the curve, where the last two impulses are one and all humps are as high as V can be."""
+    phases, amplitudes, places = ripples.parts(near.x)
+    fewer = Ripples(ripples.damping, ripples.impulses - 1, ripples.places - 1, ripples.middle)
+    start = fewer.unknowns([*phases[:-2], arb(0)], [*amplitudes[:-2], amplitudes[-2] + amplitudes[-1]], places[:-1])
+
+    def system(x: Vector, w: arb) -> tuple[Vector, list[Vector]]:
+        """V is unknown here."""
+        values, rows = fewer(x[:-1], x[-1])
+        return values, [[*row, arb(0)] for row in rows]
+
+    found = solved(system, [*start, near.w, arb(0)], None, CLOSED)
+    if found is None or not _proper(fewer, found[:-2]):
+        raise SolverError(f"humps at damping {float(ripples.damping)!r} end near {float(near.w.exp()):.4g}, where exactly was not found")
+    return fewer, Point(found[:-2], found[-2], False)
+
+
+def _humped(mode: Mode, ripples: Ripples, end: Point) -> Humped:
+    phases, amplitudes, places = ripples.parts(end.x)
+    shaper = as_doubles(mode, phases, amplitudes)
+    zeros = tuple(mode.scaled(float(place)) for place in places[::2])
+    return Humped(shaper, zeros, float(end.w.exp()))
+
+
+def as_doubles(mode: Mode, phases: Sequence[arb], amplitudes: Sequence[arb | int]) -> Shaper:
+    """Impulses at phases ψ before the last one. Near critical damping some follow each other closer than doubles tell: they are one."""
+    pairs: dict[float, float] = {}
+    for phase, amplitude in zip(phases, amplitudes, strict=True):
+        time = float((phases[0] - phase) / mode.frequency)
+        pairs[time] = pairs.get(time, 0.0) + float(amplitude)
+    last = max(pairs)  # it stays, whatever is left of it: the residual is what is left then
+    kept = {time: amplitude for time, amplitude in pairs.items() if amplitude or time == last}
+    return Shaper(tuple(kept), tuple(kept.values()))
+
+
+def _plain(mode: Mode, tolerance: float, humps: int) -> Humped:
+    """In doubles, from the undamped shaper on. Raises `SolverError` where that cannot be followed to the mode's damping."""
     zeros = humps + 1
-    start = bounded([Mode(1.0, mode.damping)], 0, 1, humps).shaper
-    phases, amplitudes = np.array(start.times[1:]), np.array(start.amplitudes).round()
-    direction, ends = mode.direction, np.array(start.times) - start.duration
-    bend = abs(np.sum(amplitudes * (direction * ends) ** zeros * np.exp(direction * ends))) / math.factorial(zeros)
-    small = min(FIRST_RIPPLE, tolerance)
-    spread = (small * 2.0 ** (zeros - 1) / bend) ** (1.0 / zeros)
-    places: Reals = (1.0 - spread * np.cos(np.arange(1, 2 * zeros) * np.pi / (2 * zeros))).astype(np.float64)
-
-    def vanishing(phases: Reals, way: float) -> Reals:
-        """The zeros alone, moving apart from where they were one."""
-        apart = 1.0 + way * (places - 1.0)
-        return _equations(phases, amplitudes, np.delete(apart, zeros - 1), mode.damping, small, False)[: 2 * zeros]
-
-    def system(x: Reals, way: float) -> Reals:
-        """From a small ripple to the one asked for."""
-        ripple = small * (tolerance / small) ** way
-        return _equations(x[: 2 * zeros], amplitudes, x[2 * zeros :], mode.damping, ripple, False)
-
-    phases = continued(vanishing, phases, 1.0, 0.5)
-    found = continued(system, np.concatenate([phases, np.delete(places, zeros - 1)]), 1.0)
-    shaper = Shaper((0.0, *map(float, found[: 2 * zeros] / mode.frequency)), tuple(map(float, amplitudes)))
-    return Humped(shaper, _zeros(mode, found[2 * zeros :]))
-
-
-def _zeros(mode: Mode, places: Reals) -> tuple[Mode, ...]:
-    """Of zeros and humps in ascending order without the middle one, which is at the mode, every second is a zero."""
-    return tuple(mode.scaled(float(nu)) for nu in _with_middle(places)[::2])
+    amplitudes, places = _undamped(tolerance, zeros)
+    phases: Reals = np.pi * np.arange(1.0, zeros + 1.0)
+    found = continued(
+        lambda x, damping: _equations(x[:zeros], x[zeros : 2 * zeros + 1], x[2 * zeros + 1 :], damping, tolerance),
+        np.concatenate([phases, amplitudes, np.delete(places, len(places) // 2)]),
+        mode.damping,
+    )
+    shaper = Shaper((0.0, *map(float, found[:zeros] / mode.frequency)), tuple(map(float, found[zeros : 2 * zeros + 1])))
+    # Of zeros and humps in ascending order without the middle one, which is at the mode, every second is a zero.
+    return Humped(shaper, tuple(mode.scaled(float(nu)) for nu in _with_middle(found[2 * zeros + 1 :])[::2]), tolerance)
 
 
 def _with_middle(places: Reals) -> Reals:
     return np.insert(places, len(places) // 2, 1.0)
-
-
-def _require(tolerance: float, humps: int) -> None:
-    if not 0.0 < tolerance < 1.0:
-        raise ShaperError(f"a tolerance is a fraction of the unshaped vibration between 0 and 1, not {tolerance!r}")
-    if not 1 <= humps <= MOST_HUMPS:
-        raise ShaperError(f"humps are counted from 1 to {MOST_HUMPS}, not {humps}")
 
 
 def _undamped(tolerance: float, zeros: int) -> tuple[Reals, Reals]:
@@ -122,7 +274,7 @@ def _undamped(tolerance: float, zeros: int) -> tuple[Reals, Reals]:
     return total[::2].astype(np.float64), 2.0 / np.pi * np.arccos(np.cos(k * np.pi / (2 * zeros)) / edge)
 
 
-def _equations(phases: Reals, amplitudes: Reals, places: Reals, damping: float, tolerance: float, normalised: bool) -> Reals:
+def _equations(phases: Reals, amplitudes: Reals, places: Reals, damping: float, tolerance: float) -> Reals:
     """The equations above: `places` are zeros and humps in ascending order without the middle one, 1; `phases` without the first, 0."""
     direction = complex(damping, math.sqrt(1.0 - damping**2))
     phi = np.concatenate([[0.0], phases]) - phases[-1]
@@ -132,5 +284,5 @@ def _equations(phases: Reals, amplitudes: Reals, places: Reals, damping: float, 
         values, slopes = motions @ amplitudes, (motions * (direction * phi)) @ amplitudes
         zeros, humps = values[::2], values[1::2]
         tops = (humps.conj() * slopes[1::2]).real / tolerance**2 * (nu[-1] - nu[0])  # of order one, however narrow the humps
-        sums = [amplitudes.sum() - 1.0] if normalised else []
-        return np.concatenate([sums, zeros.real / tolerance, zeros.imag / tolerance, (np.abs(humps) / tolerance) ** 2 - 1.0, tops])
+        circles = (np.abs(humps) / tolerance) ** 2 - 1.0
+        return np.concatenate([[amplitudes.sum() - 1.0], zeros.real / tolerance, zeros.imag / tolerance, circles, tops])

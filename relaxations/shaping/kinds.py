@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
@@ -14,14 +14,27 @@ import numpy as np
 
 from relaxations.bounds import Status
 from relaxations.checking.worst import worst_residual
-from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
+from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import exact
 from relaxations.shaping.bounded import bounded
+from relaxations.shaping.comparisons import (
+    UNPROVEN,
+    bounds_of,
+    compared,
+    different,
+    least_of,
+    order_of,
+    rounded_down,
+    summed,
+    sums_of,
+    with_negative,
+    within_sums,
+)
 from relaxations.shaping.deflection import deflection_limited
-from relaxations.shaping.humps import Humped, extra_insensitive, unity_magnitude
+from relaxations.shaping.humps import Humped, extra_insensitive, unity_derivatives, unity_magnitude
 from relaxations.shaping.impulses import derivative_shaper, mzv, negative_zv
 from relaxations.shaping.insensitive import specified
-from relaxations.shaping.least_durations import Remnant, least_duration
+from relaxations.shaping.least_durations import Remnant, least_with_derivatives
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.pulses import at_intervals, pulsed
 from relaxations.shaping.ranges import humped_ranges
@@ -29,11 +42,7 @@ from relaxations.shaping.requests import Least, Made, Request
 from relaxations.shaping.sampled import Sampled, sampled
 from relaxations.shaping.shapers import Shaper, as_pulses, convolve
 
-MOST_DERIVATIVES, MOST_CONDITIONS = (
-    11,
-    30,
-)  # beyond them a least duration is not searched for: doubles cannot tell the conditions apart
-WHOLE = 1e-9  # partial sums this close to a whole number are it
+SAME = 1.0 - 1e-5  # of a tolerance: humps are designed a hair below it
 CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 
 
@@ -86,7 +95,7 @@ def _drawn_out(made: Made, width: float) -> Made:
     least = None
     if made.least and zeros and min(abs(np.expm1(turn) / turn) for turn in turns) > CLEAR:
         least = Least(math.nextafter(made.least.duration + width, 0.0), f"{made.least.among}, as pulses of one width")
-    return Made(as_pulses(made.shaper, width), least, made.ranges)
+    return Made(as_pulses(made.shaper, width), least, made.ranges, made.notes)
 
 
 def find(name: str) -> tuple[Kind, int]:
@@ -122,58 +131,40 @@ def _derivatives(request: Request, number: int) -> Made:
     if request.sample_time is not None:
         return _on_samples(sampled(zeros, request.sample_time), request.sample_time, zeros)
     if request.simultaneous:
-        return _compared(None, zeros)
-    return _compared(_in_turn(request.modes, lambda mode: derivative_shaper(mode, number)), zeros)
+        return compared(None, zeros)
+    return compared(_in_turn(request.modes, lambda mode: derivative_shaper(mode, number)), zeros)
 
 
 def _on_samples(found: Sampled, sample_time: float, zeros: Sequence[tuple[Mode, int]]) -> Made:
     """What so many samples take at least, if that is more than any positive shaper takes."""
-    made, proven = _compared(found.shaper, zeros), _down(found.needed * exact(repr(sample_time)))
+    made, proven = compared(found.shaper, zeros), rounded_down(found.needed * exact(repr(sample_time)))
     if made.least is not None and made.least.duration >= proven:
         return made
-    what = f"positive shapers at multiples of {sample_time!r} s with {_order(zeros)}, which need {found.needed}"
-    return replace(made, least=_least(proven if found.needed else None, what, [mode for mode, _ in zeros]))
-
-
-def _down(number: Fraction) -> float:
-    """The double that is printed as a decimal no larger than the number."""
-    nearest = float(number)
-    return nearest if exact(repr(nearest)) <= number else math.nextafter(nearest, -math.inf)
-
-
-def _order(zeros: Sequence[tuple[Mode, int]]) -> str:
-    return "zero vibration" + (f" and {zeros[0][1]} derivative(s) of it" if zeros[0][1] else "")
-
-
-def _compared(shaper: Shaper | None, zeros: Sequence[tuple[Mode, int]]) -> Made:
-    """The shaper, or the shortest one, with the proof for positive shapers of these zeros."""
-    counts = [count for _, count in zeros]
-    if shaper is not None and (max(counts) > MOST_DERIVATIVES or sum(counts) + len(counts) > MOST_CONDITIONS):
-        return Made(shaper)
-    try:
-        shortest = specified([], zeros)
-    except SolverError:
-        if shaper is None:
-            raise
-        return Made(shaper)  # a shaper all the same; that none is shorter is not proven
-    return Made(shaper or shortest.shaper, _least(shortest.lower, f"positive shapers with {_order(zeros)}", [mode for mode, _ in zeros]))
-
-
-def _least(lower: float | None, among: str, zeros: Sequence[Mode] = ()) -> Least | None:
-    return None if lower is None else Least(lower, among, tuple(zeros))
+    what = f"positive shapers at multiples of {sample_time!r} s with {order_of(zeros)}, which need {found.needed}"
+    return replace(made, least=least_of(proven if found.needed else None, what, [mode for mode, _ in zeros]))
 
 
 def _humps(request: Request, number: int) -> Made:
-    if request.simultaneous and len(_different(request.modes)) > 1:
+    if request.simultaneous and len(different(request.modes)) > 1:
         return _humps_at_once(request, number)
     humped = [extra_insensitive(mode, request.tolerance, number) for mode in request.modes]
     zeros = [zero for one in humped for zero in one.zeros]
     shaper = reduce(convolve, (one.shaper for one in humped))
-    try:
-        lower = specified([], [(zero, 0) for zero in zeros]).lower
-    except SolverError:
-        lower = None
-    return Made(shaper, _least(lower, f"positive shapers that share {_own(humped, request.modes)}", zeros))
+    lower = max(least_with_derivatives(zero, 0) for zero in zeros)
+    with suppress(SolverError):
+        lower = max(lower, specified([], [(zero, 0) for zero in zeros]).lower or 0.0)
+    return Made(
+        shaper, Least(lower, f"positive shapers that share {_own(humped, request.modes)}", tuple(zeros)), notes=_ripples(humped, request)
+    )
+
+
+def _ripples(humped: Sequence[Humped], request: Request) -> tuple[str, ...]:
+    """Where humps are lower than the tolerance."""
+    return tuple(
+        f"mode {number}: humps of {one.ripple:.4g}, the largest made at this damping; the tolerance is kept all the more"
+        for number, one in enumerate(humped, 1)
+        if one.ripple < SAME * request.tolerance
+    )
 
 
 def _humps_at_once(request: Request, number: int) -> Made:
@@ -181,7 +172,7 @@ def _humps_at_once(request: Request, number: int) -> Made:
     bands = humped_ranges(request.modes, request.tolerance, number)
     shortest = specified(tuple(dict.fromkeys(bands)))
     what = f"positive shapers within {request.tolerance:g} over the range of each mode's own {_humps_of(number)}"
-    return Made(shortest.shaper, _least(shortest.lower, what), tuple(enumerate(bands)))
+    return Made(shortest.shaper, least_of(shortest.lower, what), tuple(enumerate(bands)))
 
 
 def _humps_of(number: int) -> str:
@@ -192,36 +183,27 @@ def _unity_humps(request: Request, number: int) -> Made:
     humped = [unity_magnitude(mode, request.tolerance, number) for mode in request.modes]
     shaper = reduce(convolve, (one.shaper for one in humped))
     zeros = [zero for one in humped for zero in one.zeros]
-    return Made(shaper, _within_sums(zeros, _sums_of(shaper), 0, _own(humped, request.modes)))
+    least = within_sums(zeros, sums_of(shaper), 0, _own(humped, request.modes))
+    return Made(shaper, least, notes=(*_ripples(humped, request), *(() if least else (UNPROVEN,))))
 
 
 def _own(humped: Sequence[Humped], modes: Sequence[Mode]) -> str:
     """The zeros of humped shapers, as factors of their modes' frequencies."""
     factors = [[f"{zero.frequency / mode.frequency:.6g}" for zero in one.zeros] for one, mode in zip(humped, modes, strict=True)]
-    parts = [f"{', '.join(those[:-1])} and {those[-1]}" for those in factors]
+    parts = [" and ".join([", ".join(those[:-1]), those[-1]] if those[1:] else those) for those in factors]
     if len(parts) == 1:
-        return f"its zeros, at {parts[0]} of the frequency"
+        return f"its {'zeros' if len(factors[0]) > 1 else 'zero'}, at {parts[0]} of the frequency"
     return "its zeros, at " + "; ".join(f"{part} of mode {number}'s frequency" for number, part in enumerate(parts, 1))
 
 
 def _modified(request: Request, number: int) -> Made:
-    return _compared(_in_turn(request.modes, mzv), [(mode, 0) for mode in request.modes])
+    return compared(_in_turn(request.modes, mzv), [(mode, 0) for mode in request.modes])
 
 
 def _negative(request: Request, number: int) -> Made:
     negative = request.negative if request.negative is not None else math.nan
     shaper = _in_turn(request.modes, lambda mode: negative_zv(mode, negative))
-    return Made(shaper, _with_negative(shaper, [Remnant(mode) for mode in request.modes], "zero vibration"))
-
-
-def _with_negative(shaper: Shaper, remnants: Sequence[Remnant], what: str) -> Least | None:
-    """How short anything could be whose negative parts sum to no more than this shaper's do."""
-    below = [-amplitude for amplitude in shaper.amplitudes if amplitude < 0.0] + [-p.gain for p in shaper.pulses if p.height < 0.0]
-    negative = math.fsum(below)
-    among = f"shapers with {what} whose negative amplitudes sum to at most {negative!r}" if below else f"positive shapers with {what}"
-    zeros = [remnant.mode for remnant in remnants if not remnant.tolerance]
-    lower = least_duration(remnants, negative, shaper.duration)
-    return _least(lower, among, zeros if len(zeros) == len(remnants) else ())
+    return Made(shaper, with_negative(shaper, [Remnant(mode) for mode in request.modes], "zero vibration"))
 
 
 def _insensitive(request: Request, number: int) -> Made:
@@ -230,39 +212,30 @@ def _insensitive(request: Request, number: int) -> Made:
     alone = request.simultaneous or len(request.modes) == 1
     own = ([band for i, band in reaches if i == k] for k in range(len(request.modes)))
     shaper = shortest.shaper if alone else reduce(convolve, (specified(bands).shaper for bands in own))
-    return Made(shaper, _least(shortest.lower, "positive shapers within the tolerance over every band"))
+    return Made(shaper, least_of(shortest.lower, "positive shapers within the tolerance over every band"))
 
 
 def _unity(request: Request, number: int) -> Made:
-    if request.simultaneous or len(request.modes) == 1:
-        return _between(request.modes, (0.0, 1.0), number)
-    shaper = _in_turn(request.modes, lambda mode: bounded([mode], 0, 1, number).shaper)
-    return Made(shaper, _within_sums(request.modes, _sums_of(shaper), number, "these zeros"))
+    modes = different(request.modes) if request.simultaneous else request.modes
+    if len(modes) > 1 and request.simultaneous:
+        return _between(modes, (0.0, 1.0), number)
+    if len(modes) == 1:
+        with suppress(ShaperError, SolverError):
+            made = _between(modes, (0.0, 1.0), number)
+            if made.least:
+                return made
+    shaper = _in_turn(modes, lambda mode: _unity_of(mode, number))
+    least = within_sums(modes, sums_of(shaper), number, "these zeros")
+    return Made(shaper, least, notes=() if least else (UNPROVEN,))
 
 
-def _sums_of(shaper: Shaper) -> tuple[float, float]:
-    """The least and the largest of its partial sums, 0 included; whole numbers where they are but for rounding."""
-    sums = [0.0, *itertools.accumulate(shaper.amplitudes)]
-    low, high = (float(round(x)) if abs(x - round(x)) <= WHOLE else x for x in (min(sums), max(sums)))
-    return low, max(high, 1.0)
-
-
-def _different(modes: Sequence[Mode]) -> tuple[Mode, ...]:
-    """Each mode once: what leaves nothing of it leaves nothing of another just like it; a plant with both asks for a derivative more."""
-    return tuple(dict.fromkeys(modes))
-
-
-def _within_sums(zeros: Sequence[Mode], sums: tuple[float, float], derivatives: int, what: str) -> Least | None:
-    """How short any sequence with partial sums in these bounds could be."""
-    try:
-        bound = bounded(_different(zeros), *_bounds(sums), derivatives).bound
-    except (ShaperError, SolverError):
-        return None
-    return _least(bound.lower if bound.status is Status.PROVED else None, _summed(sums, what), zeros)
-
-
-def _summed(sums: tuple[float, float], what: str) -> str:
-    return f"sequences with partial sums in [{sums[0]:g}, {sums[1]:g}] and {what}"
+def _unity_of(mode: Mode, number: int) -> Shaper:
+    """The shortest one where that is proven, else the same sequence from the undamped one."""
+    with suppress(ShaperError, SolverError):
+        found = bounded([mode], 0, 1, number)
+        if found.bound.status is Status.PROVED:
+            return found.shaper
+    return unity_derivatives(mode, number)
 
 
 def _sums(request: Request, number: int) -> Made:
@@ -270,37 +243,37 @@ def _sums(request: Request, number: int) -> Made:
 
 
 def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> Made:
-    low, high = _bounds(sums)
-    found = bounded(_different(modes), low, high, number)
+    low, high = bounds_of(sums)
+    found = bounded(different(modes), low, high, number)
     proven = found.bound.lower if found.bound.status is Status.PROVED else None
-    return Made(found.shaper, _least(proven, _summed(sums, "these zeros"), modes))
+    return Made(found.shaper, least_of(proven, summed(sums, "these zeros"), modes))
 
 
 def _on_off(request: Request, number: int) -> Made:
     height = request.height if request.height is not None else math.nan
     if request.sample_time is None:
-        found = pulsed(_different(request.modes), height, number)
+        found = pulsed(different(request.modes), height, number)
     else:
-        found = at_intervals(_different(request.modes), height, request.sample_time, number)
+        found = at_intervals(different(request.modes), height, request.sample_time, number)
     proven = found.bound.lower if found.bound.status is Status.PROVED else None
     if request.sample_time is not None and found.intervals:
         what = f"pulses of {height:g} 1/s that begin at multiples of {request.sample_time!r} s, of which {found.intervals} are needed"
-        begins = _down((found.intervals - 1) * exact(repr(request.sample_time)))  # the last pulse's
-        return Made(found.shaper, _least(max(begins, proven or 0.0), f"{what}, with these zeros"))
-    return Made(found.shaper, _least(proven, f"pulses of at most {height:g} 1/s with these zeros"))
+        begins = rounded_down((found.intervals - 1) * exact(repr(request.sample_time)))  # the last pulse's
+        return Made(found.shaper, least_of(max(begins, proven or 0.0), f"{what}, with these zeros"))
+    return Made(found.shaper, least_of(proven, f"pulses of at most {height:g} 1/s with these zeros"))
 
 
 def _deflected(request: Request, number: int) -> Made:
     sums = request.sums or (0.0, 1.0)
-    _bounds(sums)
+    bounds_of(sums)
     limit = request.deflection if request.deflection is not None else math.nan
     found = deflection_limited(request.modes, limit, sums, number, request.sample_time)
-    least = _within_sums(request.modes, sums, number, "these zeros, whatever they deflect")
-    taken = _down(found.needed * exact(repr(found.step)))
+    least = within_sums(request.modes, sums, number, "these zeros, whatever they deflect")
+    taken = rounded_down(found.needed * exact(repr(found.step)))
     # Drawn out to pulses a sequence deflects less: what is proven with a limit says nothing of those.
     if request.pulse is None and found.needed and (least is None or least.duration < taken):
         what = f"these zeros at multiples of {found.step!r} s that deflect no mode by more than {limit:g} there, which need {found.needed}"
-        least = _least(taken, _summed(sums, what))
+        least = least_of(taken, summed(sums, what))
     return Made(found.shaper, least)
 
 
@@ -319,33 +292,23 @@ def _given(request: Request, number: int) -> Made:
     for mode in request.modes:
         omega, zeta = Fraction(mode.frequency), Fraction(mode.damping)
         remnants.append(Remnant(mode, worst_residual(*edges, (omega, omega), (zeta, zeta), order=order).upper))
-    return Made(shaper, _with_negative(shaper, remnants, "no more left of any mode than this one leaves"))
-
-
-def _bounds(sums: tuple[float, float]) -> tuple[Fraction, Fraction]:
-    low, high = (exact(repr(bound)) for bound in sums)
-    if not (low <= 0 and high >= 1):
-        raise ImpossibleShaperError(
-            f"partial sums begin at 0 and end at 1, so no shaper has them within [{sums[0]}, {sums[1]}]; "
-            "bounds are at most 0 and at least 1"
-        )
-    return low, high
+    return Made(shaper, with_negative(shaper, remnants, "no more left of any mode than this one leaves"))
 
 
 def _all(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return _different(request.modes), number
+    return different(request.modes), number
 
 
 def _once(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return _different(request.modes), 0
+    return different(request.modes), 0
 
 
 def _between_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return tuple(zero for mode in _different(request.modes) for zero in extra_insensitive(mode, request.tolerance, number).zeros), 0
+    return tuple(zero for mode in different(request.modes) for zero in extra_insensitive(mode, request.tolerance, number).zeros), 0
 
 
 def _between_unity_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return tuple(zero for mode in _different(request.modes) for zero in unity_magnitude(mode, request.tolerance, number).zeros), 0
+    return tuple(zero for mode in different(request.modes) for zero in unity_magnitude(mode, request.tolerance, number).zeros), 0
 
 
 _PERIOD = (

@@ -11,16 +11,19 @@ which relaxations.checking.durations proves between the instants, for one durati
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
+from flint import arb
 from numpy.typing import NDArray
 
 from relaxations import programs
 from relaxations.checking.durations import Condition, none_as_short
 from relaxations.errors import SolverError
+from relaxations.plants import precision
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.polishing import Demand, rows
 
@@ -41,6 +44,21 @@ class Remnant:
 
     mode: Mode
     tolerance: float = 0.0
+
+
+def least_with_derivatives(mode: Mode, derivatives: int) -> float:
+    """(n + 1)π/ω_d [s], rounded down: no positive shaper with zero vibration and n derivatives of it is shorter, at any damping.
+
+    Let x = ω_d(t - T). The function `p = e^{ζω(t-T)} sin x Π_{k=1}^n (x + kπ)` is of the form Re Σ y_j* z_j, so Σ A_k p(t_k) = 0. Back to
+    x = -(n+1)π it does not change its sign (where sin x does, one factor does), so positive impulses stand at its zeros, whole half periods
+    before T. A shorter shaper has at most n + 1 of these, and a polynomial of degree n that vanishes at all but one of them shows that
+    there is none at that one. Pulses are refuted alike.
+    """
+    with precision(128):
+        zeta = arb(mode.damping)
+        whole = (derivatives + 1) * arb.pi() / (arb(mode.frequency) * (1 - zeta * zeta).sqrt())
+        nearest = float(whole.lower())
+        return nearest if arb(nearest) <= whole else math.nextafter(nearest, 0.0)
 
 
 def least_duration(remnants: Sequence[Remnant], negative: float, known: float) -> float | None:

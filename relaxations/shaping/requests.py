@@ -79,11 +79,15 @@ class Least:
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A shaper, the least duration of such shapers where that is proven, and `ranges` that its kind keeps (mode, counted from 0; band)."""
+    """A shaper, the least duration of such shapers where that is proven, and `ranges` that its kind keeps (mode, counted from 0; band).
+
+    `notes` are sentences about both that whoever uses them should read.
+    """
 
     shaper: Shaper
     least: Least | None = None
     ranges: tuple[tuple[int, Band], ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def _written(band: Band) -> str:

@@ -1,0 +1,106 @@
+"""How short other shapers of the same family could be: what is proven of a shaper's duration, and in which words."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+
+from relaxations.bounds import Status
+from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
+from relaxations.plants import exact
+from relaxations.shaping.bounded import bounded
+from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.insensitive import specified
+from relaxations.shaping.least_durations import Remnant, least_duration, least_with_derivatives
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.requests import Least, Made
+from relaxations.shaping.shapers import Shaper
+
+# Beyond them a least duration is not searched for: doubles cannot tell the conditions apart.
+MOST_DERIVATIVES, MOST_CONDITIONS = 11, 30
+WHOLE = 1e-9  # partial sums this close to a whole number are it
+ONE_MODE = "the least duration is that of one mode's zeros alone: with those of all nothing more was proven"
+UNPROVEN = "no least duration: with damping so near 1 what tells shorter sequences apart is lost in rounding"
+
+
+def rounded_down(number: Fraction) -> float:
+    """The double that is printed as a decimal no larger than the number."""
+    nearest = float(number)
+    return nearest if exact(repr(nearest)) <= number else math.nextafter(nearest, -math.inf)
+
+
+def order_of(zeros: Sequence[tuple[Mode, int]]) -> str:
+    """What vanishes, in words."""
+    return "zero vibration" + (f" and {zeros[0][1]} derivative(s) of it" if zeros[0][1] else "")
+
+
+def compared(shaper: Shaper | None, zeros: Sequence[tuple[Mode, int]]) -> Made:
+    """The shaper, or the shortest one, with the proof for positive shapers of these zeros."""
+    among, modes, counts = f"positive shapers with {order_of(zeros)}", tuple(mode for mode, _ in zeros), [count for _, count in zeros]
+    lower = max(least_with_derivatives(mode, count) for mode, count in zeros)
+    if len(set(zeros)) == 1:
+        return Made(shaper or derivative_shaper(*zeros[0]), Least(lower, among, modes))
+    if shaper is not None and (max(counts) > MOST_DERIVATIVES or sum(counts) + len(counts) > MOST_CONDITIONS):
+        return Made(shaper, Least(lower, among, modes), notes=(ONE_MODE,))
+    try:
+        shortest = specified([], zeros)
+    except SolverError:
+        if shaper is None:
+            raise
+        return Made(shaper, Least(lower, among, modes), notes=(ONE_MODE,))
+    notes = (ONE_MODE,) if shortest.lower is None else ()
+    return Made(shaper or shortest.shaper, Least(max(lower, shortest.lower or 0.0), among, modes), notes=notes)
+
+
+def least_of(lower: float | None, among: str, zeros: Sequence[Mode] = ()) -> Least | None:
+    """None if nothing was proven."""
+    return None if lower is None else Least(lower, among, tuple(zeros))
+
+
+def with_negative(shaper: Shaper, remnants: Sequence[Remnant], what: str) -> Least | None:
+    """How short anything could be whose negative parts sum to no more than this shaper's do."""
+    below = [-amplitude for amplitude in shaper.amplitudes if amplitude < 0.0] + [-p.gain for p in shaper.pulses if p.height < 0.0]
+    negative = math.fsum(below)
+    among = f"shapers with {what} whose negative amplitudes sum to at most {negative!r}" if below else f"positive shapers with {what}"
+    zeros = [remnant.mode for remnant in remnants if not remnant.tolerance]
+    lower = least_duration(remnants, negative, shaper.duration)
+    return least_of(lower, among, zeros if len(zeros) == len(remnants) else ())
+
+
+def sums_of(shaper: Shaper) -> tuple[float, float]:
+    """The least and the largest of its partial sums, 0 included; whole numbers where they are but for rounding."""
+    sums = [0.0, *itertools.accumulate(shaper.amplitudes)]
+    low, high = (float(round(x)) if abs(x - round(x)) <= WHOLE else x for x in (min(sums), max(sums)))
+    return low, max(high, 1.0)
+
+
+def different(modes: Sequence[Mode]) -> tuple[Mode, ...]:
+    """Each mode once: what leaves nothing of it leaves nothing of another just like it; a plant with both asks for a derivative more."""
+    return tuple(dict.fromkeys(modes))
+
+
+def within_sums(zeros: Sequence[Mode], sums: tuple[float, float], derivatives: int, what: str) -> Least | None:
+    """How short any sequence with partial sums in these bounds could be."""
+    try:
+        bound = bounded(different(zeros), *bounds_of(sums), derivatives).bound
+    except (ShaperError, SolverError):
+        return None
+    return least_of(bound.lower if bound.status is Status.PROVED else None, summed(sums, what), zeros)
+
+
+def summed(sums: tuple[float, float], what: str) -> str:
+    """The family in words."""
+    return f"sequences with partial sums in [{sums[0]:g}, {sums[1]:g}] and {what}"
+
+
+def bounds_of(sums: tuple[float, float]) -> tuple[Fraction, Fraction]:
+    """Exactly; raises `ImpossibleShaperError` where no shaper has such partial sums."""
+    low, high = (exact(repr(bound)) for bound in sums)
+    if not (low <= 0 and high >= 1):
+        raise ImpossibleShaperError(
+            f"partial sums begin at 0 and end at 1, so no shaper has them within [{sums[0]}, {sums[1]}]; "
+            "bounds are at most 0 and at least 1"
+        )
+    return low, high

@@ -1,0 +1,119 @@
+"""Shapers at any damping and tolerance: where humps end, how the shaper goes on, and what is proven of it there."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import cast
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, minimize_scalar
+
+from relaxations.checking.worst import worst_residual
+from relaxations.errors import ShaperError
+from relaxations.shaping.humps import extra_insensitive, unity_derivatives, unity_magnitude
+from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.kinds import make
+from relaxations.shaping.least_durations import least_with_derivatives
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.requests import Request
+from relaxations.shaping.sensitivity import residual
+from relaxations.shaping.shapers import Shaper
+
+
+def worst(shaper: Shaper, damping: float, low: float, high: float) -> float:
+    """The proven upper end over a band of a mode of 1 rad/s."""
+    numbers = [Fraction(t) for t in shaper.times], [Fraction(a) for a in shaper.amplitudes]
+    exact = Fraction(damping)
+    return worst_residual(*numbers, (Fraction(low), Fraction(high)), (exact, exact), relative=1e-15, absolute=3e-16).upper
+
+
+def hump_beyond(shaper: Shaper, damping: float, zero: float) -> tuple[float, float]:
+    """Where the residual is largest beyond its last zero, and how large."""
+    found = minimize_scalar(lambda nu: -float(residual(shaper.times, shaper.amplitudes, nu, damping)[0]),
+                            bounds=(zero, 3.0 * zero), method="bounded", options={"xatol": 1e-10})  # fmt: skip
+    return float(found.x), -float(found.fun)
+
+
+@pytest.mark.parametrize("damping", [0.75, 0.9, 0.97])
+def test_beyond_its_end_one_hump_is_the_zv_shaper_whose_highest_residual_is_at_the_mode(damping: float):
+    """Independently: ZV in closed form, its hump by a search of one number, scaled to be at 1."""
+    zv = derivative_shaper(Mode(1.0, damping))
+    place, height = hump_beyond(zv, damping, 1.0)
+    found = extra_insensitive(Mode(1.0, damping), 0.05)
+    assert found.shaper.times == pytest.approx([0.0, zv.duration * place], rel=1e-7)  # of the search: a maximum is flat
+    assert found.shaper.amplitudes == pytest.approx(zv.amplitudes, rel=1e-12)
+    assert found.ripple == pytest.approx(height, rel=1e-10)
+    assert found.ripple < 0.05
+
+
+def test_where_one_hump_ends_and_that_it_is_continuous_there():
+    """The end: ZV's own hump is as high as the tolerance."""
+    tolerance = 0.05
+
+    def over(damping: float) -> float:
+        return hump_beyond(derivative_shaper(Mode(1.0, damping)), damping, 1.0)[1] - tolerance
+
+    end = float(cast(float, brentq(over, 0.5, 0.9, xtol=1e-12)))
+    assert end == pytest.approx(0.69319, abs=1e-5)
+    last, first = (extra_insensitive(Mode(1.0, end + step), tolerance) for step in (-1e-5, 1e-5))
+    assert len(last.shaper.times) == 3
+    assert len(first.shaper.times) == 2
+    assert first.shaper.duration == pytest.approx(last.shaper.duration, rel=1e-3)
+    at = np.linspace(0.4, 3.0, 200)
+    curves = [residual(one.shaper.times, one.shaper.amplitudes, at, end) for one in (last, first)]
+    assert curves[0] == pytest.approx(curves[1], abs=1e-4)
+
+
+@pytest.mark.parametrize("humps", [1, 2, 3])
+def test_humps_are_continuous_in_the_tolerance(humps: int):
+    """Around every bend of the curve of solutions: a step of the tolerance moves nothing by more than a small multiple of it."""
+    steps = np.linspace(0.02, 0.2, 10)
+    durations = [extra_insensitive(Mode(1.0, 0.3), float(v), humps).shaper.duration for v in steps]
+    assert np.abs(np.diff(durations)).max() < 0.4
+
+
+@pytest.mark.parametrize("tolerance", [1e-12, 1e-4, 0.5])
+@pytest.mark.parametrize("damping", [0.0, 0.3, 0.9])
+@pytest.mark.parametrize("make_one", [extra_insensitive, unity_magnitude])
+def test_the_tolerance_is_kept_at_the_mode_and_about_it_proven(make_one, damping: float, tolerance: float):
+    found = make_one(Mode(1.0, damping), tolerance)
+    low = max(0.95, found.zeros[0].frequency)
+    high = min(1.05, found.zeros[-1].frequency) if len(found.zeros) > 1 else 1.05
+    assert worst(found.shaper, damping, low, high) <= tolerance
+    assert found.ripple <= tolerance
+    at_mode = float(residual(found.shaper.times, found.shaper.amplitudes, 1.0, damping)[0])
+    assert at_mode == pytest.approx(found.ripple, abs=2e-15 + 1e-6 * found.ripple)
+
+
+def test_tolerances_that_doubles_cannot_hold_are_refused_in_words():
+    with pytest.raises(ShaperError, match=r"1e-14.*lost in the rounding.*from 1e-13 on, and zvdd leaves nothing"):
+        extra_insensitive(Mode(1.0), 1e-14, 2)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.5, 0.95, 0.999])
+@pytest.mark.parametrize("derivatives", [0, 1, 12, 60])
+def test_least_durations_of_derivatives_are_exact_at_any_damping(damping: float, derivatives: int):
+    mode = Mode(3.0, damping)
+    made = make(f"zv-d:{derivatives}", Request((mode,)))
+    assert made.least is not None
+    assert made.least.duration <= made.shaper.duration
+    assert made.least.duration == pytest.approx((derivatives + 1) * mode.half_period, rel=1e-13)  # 1 - ζ² in doubles
+    assert least_with_derivatives(mode, derivatives) <= (derivatives + 1) * math.pi / (3.0 * math.sqrt(1.0 - damping**2)) * (1 + 1e-13)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_the_function_that_proves_it_has_one_sign(n: int):
+    x = np.linspace(-(n + 1) * np.pi, 0.0, 20_001)
+    p = np.sin(x) * np.prod([x + k * np.pi for k in range(1, n + 1)], axis=0)
+    assert p.max() <= 1e-9 * np.abs(p).max()
+
+
+@pytest.mark.parametrize("derivatives", [0, 1, 2])
+def test_unity_magnitude_near_critical_damping(derivatives: int):
+    """As doubles its gaps may vanish; what is left is still nothing."""
+    for damping in (0.9, 0.99):
+        shaper = unity_derivatives(Mode(1.0, damping), derivatives)
+        assert sum(shaper.amplitudes) == 1.0
+        assert float(residual(shaper.times, shaper.amplitudes, 1.0, damping)[0]) < 1e-12
