@@ -29,7 +29,7 @@ test: env compiler ## set up and run the tests; says which groups it leaves out
 slow: env compiler ## the tests that take long
 	$(BIN)/pytest -m slow
 
-foreign: env compiler foreign-env ## the tests that need headless Chromium, Node, ziglang (100 MB), FMUs of other people (30 MB); the last two are installed
+foreign: env compiler foreign-env ## the tests that need headless Chromium, Node, ziglang (100 MB), an emulator (20 MB), FMUs of other people (30 MB); the last three are installed
 	$(BIN)/pytest -m foreign
 
 benchmark: env compiler ## the measurements (installs CasADi to compare with)
@@ -72,6 +72,8 @@ fmus: env compiler ## build the shipped plants
 foreign-env: tests/foreign/node_modules/.package-lock.json tests/foreign/wheels/ready
 	@$(BIN)/python -c 'import ziglang' 2>/dev/null \
 	  || $(BIN)/python -m pip install $(PIP_FLAGS) --require-hashes --requirement requirements-compiler.lock
+	@$(BIN)/python -c 'import unicorn' 2>/dev/null \
+	  || $(BIN)/python -m pip install $(PIP_FLAGS) --require-hashes --requirement requirements-emulator.lock
 
 tests/foreign/node_modules/.package-lock.json: tests/foreign/package-lock.json
 	npm ci --prefix tests/foreign
@@ -86,6 +88,7 @@ tests/foreign/wheels/ready: requirements-fmus.lock | env
 lock: env ## resolve the dependencies anew (needs uv)
 	uv pip compile pyproject.toml --extra dev --upgrade --output-file requirements.lock $(LOCK_FLAGS)
 	echo ziglang | uv pip compile - --upgrade --output-file requirements-compiler.lock $(LOCK_FLAGS)
+	echo unicorn | uv pip compile - --upgrade --output-file requirements-emulator.lock $(LOCK_FLAGS)
 	echo casadi | uv pip compile - --constraint requirements.lock --upgrade --output-file requirements-benchmark.lock $(LOCK_FLAGS)
 	printf '%s\n' $(FMU_PACKAGES) | uv pip compile - --no-deps --upgrade --output-file requirements-fmus.lock $(LOCK_FLAGS)
 

@@ -134,6 +134,8 @@ def open_archive(path: Path | str) -> Fmu:
     """
     path = Path(path)
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe or a device may never end
+            raise ArchiveError(f"{path} is no file but a pipe, socket or device")
         digest = _sha256(path)
         with zipfile.ZipFile(path) as archive:
             members = {info.filename: info for info in _checked_members(archive, path)}

@@ -32,6 +32,7 @@ FAINT = 0.02  # of the largest amplitude: a smaller mode is none that a shaper s
 FLOOR = 1e-7  # of the largest value: no measurement is better, and rounding is no mode
 COARSE = 2.8  # ω times the step: closer to π a mode cannot be told from its mirror image
 WIDEST = 0.95  # damping ratio
+GROWING, POOR = 1e-9, 0.05  # a damping that ends at its bound, and how much a fit may leave then
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +47,17 @@ class DecayMode:
 
 @dataclass(frozen=True, slots=True)
 class Decay:
-    """The modes by descending amplitude, the value at rest, and the root mean square of what the fit leaves; units of the signal."""
+    """The modes by descending amplitude, the value at rest, and the root mean square of what the fit leaves; units of the signal.
+
+    `share`: of the root mean square about the mean, how much of it the fit leaves: 0 for a pure decay, 1 for noise.
+    """
 
     modes: tuple[DecayMode, ...]
     rest: float
     rms: float
     samples: int
     duration: float
+    share: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +76,11 @@ def identify_decay(times: Sequence[float] | Reals, values: Sequence[float] | Rea
     """
     t, y = np.asarray(times, dtype=float), np.asarray(values, dtype=float)
     _require(t, y)
-    t = t - t[0]
+    t, whole = t - t[0], float(np.abs(y).max())
+    y = y / whole  # a signal may be of any size: squares of it need not fit
+    middle = float(y.mean())
+    unit = float(np.abs(y - middle).max())
+    y = (y - middle) / unit
     stride = -(-len(t) // FITTED)
     t, y = t[::stride], y[::stride]
     size = float(np.abs(y - y.mean()).max())
@@ -102,13 +111,26 @@ def identify_decay(times: Sequence[float] | Reals, values: Sequence[float] | Rea
         if slowest > 10.0 * t[-1]:
             raise DecayError("the record holds no vibration, only a slow drift")
         raise DecayError(f"the record lasts {t[-1]:.4g} s, less than the period of its vibration, about {slowest:.4g} s")
+    share = fit.rms / float(np.std(y))
+    if min(fit.dampings[i] for i in kept) < GROWING and share > POOR:
+        raise DecayError("the vibration does not decay in this record: begin it behind the push, and end it before the next one")
+    apart = float(t[-1]) / (len(t) - 1)
+    if (fastest := max(float(fit.frequencies[i]) for i in kept)) * apart > COARSE:
+        raise DecayError(
+            f"samples {apart:.4g} s apart are too few for a vibration of about {fastest / (2.0 * math.pi):.4g} Hz, which looks "
+            "like a slower one there: sample more than three times a period"
+        )
+    size = whole * unit
     modes = tuple(
         DecayMode(
-            Mode(float(fit.frequencies[i]), float(fit.dampings[i])), float(fit.errors[i]), float(fit.errors[count + i]), float(sizes[i])
+            Mode(float(fit.frequencies[i]), float(fit.dampings[i])),
+            float(fit.errors[i]),
+            float(fit.errors[count + i]),
+            float(sizes[i]) * size,
         )
         for i in kept
     )
-    return Decay(modes, float(fit.coefficients[0]), fit.rms, len(t), float(t[-1]))
+    return Decay(modes, (float(fit.coefficients[0]) * unit + middle) * whole, fit.rms * size, len(t), float(t[-1]), share)
 
 
 def _require(t: Reals, y: Reals) -> None:
@@ -119,7 +141,7 @@ def _require(t: Reals, y: Reals) -> None:
     if np.diff(t).min() <= 0.0:
         place = int(np.argmin(np.diff(t)))
         raise DecayError(f"times of a decay ascend: {t[place + 1]!r} s follows {t[place]!r} s")
-    if np.ptp(y) == 0.0:
+    if y.min() == y.max():
         raise DecayError("the record stands still: nothing decays in it")
 
 

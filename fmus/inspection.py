@@ -59,7 +59,8 @@ def inspect(path: Path | str) -> Inspection:
     except (*DAMAGED, OSError) as problem:
         raise ArchiveError(f"{fmu.path} cannot be read: {problem}") from None
     unpacked = {name: why for name, why in damaged.items() if fmu.unpacks(name)}
-    run = {member for _, member in fmu.binaries}
+    # The interface that a run uses unless the other one is asked for; each may have a library of its own.
+    used = next((loaded[0] for loaded in map(fmu.binary, INTERFACES) if loaded is not None), "")
     return Inspection(
         fmu=fmu,
         host=host_platform(),
@@ -69,13 +70,13 @@ def inspect(path: Path | str) -> Inspection:
         obstacles=(
             *_obstacles(fmu, bool(sources)),
             *(f"{name} is damaged, so the archive cannot be unpacked: {why}" for name, why in unpacked.items()),
-            *(words for name, words in found if name in run),
+            *(words for name, words in found if name == used),
             *_twin_obstacles(fmu),
         ),
         notes=(
             *_notes(fmu),
             *(f"{name} is damaged; no run here unpacks it: {why}" for name, why in damaged.items() if name not in unpacked),
-            *(words for name, words in found if name not in run),
+            *(words for name, words in found if name != used),
         ),
     )
 
@@ -145,10 +146,13 @@ def _twin_obstacles(fmu: Fmu) -> Iterator[str]:
 
 def _obstacles(fmu: Fmu, sources: bool) -> Iterator[str]:
     has = fmu.description
-    try:
-        fmu.require_platform()
-    except FmuError as problem:
-        yield f"{problem}{' (its sources are there, and could be compiled)' if sources and has.capabilities.co_simulation else ''}"
+    offered = [interface for interface in INTERFACES if getattr(has.capabilities, interface)]
+    if not any(map(fmu.binary, offered)):
+        try:
+            fmu.require_platform(offered[0])
+        except FmuError as problem:
+            steps = has.capabilities.co_simulation is not None
+            yield f"{problem}{' (its sources are there, and could be compiled)' if sources and steps else ''}"
     if not any(v.type in REAL_TYPES and v.size for v in map(has.find, has.names("input"))):
         yield f"it has no real input that a command could drive; its inputs are: {_listed(has.names('input'))}"
     if not any(v.type in REAL_TYPES and v.size for v in map(has.find, has.names("output"))):
@@ -157,6 +161,10 @@ def _obstacles(fmu: Fmu, sources: bool) -> Iterator[str]:
 
 def _notes(fmu: Fmu) -> Iterator[str]:
     has, can = fmu.description, fmu.description.capabilities
+    offered = [interface for interface in INTERFACES if getattr(can, interface)]
+    for interface in offered:
+        if fmu.binary(interface) is None and any(map(fmu.binary, offered)):
+            yield f"it has no binary for {interface.replace('_', ' ')} on this machine: simulation.interface has to name the other one"
     if can.needs_execution_tool:
         yield f"it needs the tool that made it ({has.tool or 'which it does not name'}) on this machine"
     if can.co_simulation and not can.variable_step:

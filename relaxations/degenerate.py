@@ -16,7 +16,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from flint import acb, arb, arb_mat
+from flint import arb, arb_mat
 
 from relaxations import certificates
 from relaxations.bounds import Settings, cut, instants
@@ -24,7 +24,6 @@ from relaxations.commands import Command, Segment, Tail
 from relaxations.digits import Equations, equations, rational
 from relaxations.errors import SolverError
 from relaxations.frames import decimal
-from relaxations.initial import chain
 from relaxations.maneuvers import Problem
 from relaxations.plants import precision
 from relaxations.refinement import Extremal
@@ -54,38 +53,21 @@ class _Moments:
     """`∫ b u - aim(T)` in long floats, with what a plant that begins elsewhere than at rest brings along."""
 
     exact: Equations
-    begin: Sequence[list[acb]]
     levels: Sequence[arb]
-
-    def drift(self, time: arb, derivative: bool = False) -> arb_mat:
-        """What the moments of the initial state become without input, or the derivative of that."""
-        entries: list[arb] = []
-        for (root, multiplicity, flexible), first in zip(self.exact.roots, self.begin, strict=True):
-            powers = [(root * time).exp()]
-            for k in range(1, multiplicity):
-                powers.append(powers[-1] * time / k)
-            course = [sum((first[i] * powers[k - i] for i in range(k + 1)), acb(0)) for k in range(multiplicity)]
-            if derivative:
-                course = [root * x + below for x, below in zip(course, [acb(0), *course], strict=False)]
-            entries += [part for x in course for part in ((x.real, x.imag) if flexible else (x.real,))]
-        return arb_mat(len(entries), 1, entries)
 
     def missed(self, x: Sequence[arb]) -> tuple[arb_mat, arb_mat]:
         """The residual at (s, T), and its derivative."""
         jumps = [*(before - after for before, after in pairwise(self.levels)), self.levels[-1]]
         integrals, impulses = self.exact.rows(x, True), self.exact.rows(x)
         slopes = arb_mat([[b * jump for b, jump in zip(row, jumps, strict=True)] for row in impulses.tolist()])
-        residual = integrals * arb_mat(len(x), 1, jumps) - self.exact.target
-        if self.begin:
-            residual, last = residual + self.drift(x[-1]), self.drift(x[-1], True).entries()
-            table = slopes.tolist()
-            slopes = arb_mat([[*row[:-1], row[-1] + more] for row, more in zip(table, last, strict=True)])
+        residual, last = integrals * arb_mat(len(x), 1, jumps) - self.exact.aim(x[-1]), self.exact.drift(x[-1], True).entries()
+        slopes = arb_mat([[*row[:-1], row[-1] + more] for row, more in zip(slopes.tolist(), last, strict=True)])
         return residual.mid(), slopes.mid()
 
 
 def landing(problem: Problem, extremal: Extremal) -> Landing | None:
     """The command of an extremal, or of its outline, without thin arcs; None if it does not land, or is not degenerate."""
-    (plant, *others), hold = problem.plants, problem.hold
+    others, hold = problem.plants[1:], problem.hold
     edges = [0.0, *extremal.switches_to_go.tolist(), extremal.maneuver_time]
     wide = [b - a >= THIN * extremal.maneuver_time for a, b in pairwise(edges)]
     kept = [i for i, fine in enumerate(wide) if fine]
@@ -98,9 +80,7 @@ def landing(problem: Problem, extremal: Extremal) -> Landing | None:
     bits = BITS + BITS_PER_EQUATION * problem.size
     with precision(bits):
         exact, maneuver = equations(problem, bits), problem.maneuver
-        start = maneuver.initial
-        begin = [] if start is None else [chain(root, count, plant.denominator, start) for root, count, _ in exact.roots]
-        moments = _Moments(exact, begin, [arb(rational(extremal.exact_levels[i] - maneuver.rest)) for i in arcs])
+        moments = _Moments(exact, [arb(rational(extremal.exact_levels[i] - maneuver.rest)) for i in arcs])
         x = [arb(edges[i]) for i in arcs[1:]] + [arb(extremal.maneuver_time)]
         try:
             found = _least_squares(moments, x, bits)
@@ -131,7 +111,7 @@ def _least_squares(moments: _Moments, x: list[arb], bits: int) -> list[arb] | No
 
 def _costate(moments: _Moments, time: arb, places: Sequence[arb]) -> tuple[Fraction, ...] | None:
     """λ with `λ·b = 0` at these times to go and `λ·aim(T) = 1`, if there are as many equations as unknowns, or more that agree."""
-    aim = moments.exact.target - (moments.drift(time) if moments.begin else arb_mat(moments.exact.target.nrows(), 1))
+    aim = moments.exact.aim(time)
     if len(places) + 1 < aim.nrows():
         return None
     table = arb_mat([*([*column] for column in moments.exact.rows(places).transpose().tolist()), aim.entries()])

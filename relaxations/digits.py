@@ -13,6 +13,7 @@ from typing import cast
 
 from flint import acb, arb, arb_mat, fmpq, fmpq_poly
 
+from relaxations.initial import chain
 from relaxations.maneuvers import Problem
 from relaxations.plants import Pole
 from relaxations.tails import Cap, Contact
@@ -31,6 +32,26 @@ class Equations:
     target: arb_mat  # (size, 1)
     columns: arb_mat  # (size, n) of the tail's coefficients
     caps: tuple[Cap, ...]
+    begin: tuple[tuple[acb, ...], ...]  # moments of an initial state at every root, none at rest
+
+    def aim(self, time: arb) -> arb_mat:
+        """What the command's moments must be, but for a tail, at the end of a move of so many seconds: shape (size, 1)."""
+        return self.target - self.drift(time) if self.begin else self.target
+
+    def drift(self, time: arb, derivative: bool = False) -> arb_mat:
+        """What the moments of the initial state become without input, or the derivative of that: shape (size, 1)."""
+        if not self.begin:
+            return arb_mat(self.target.nrows(), 1)
+        entries: list[arb] = []
+        for (root, multiplicity, flexible), first in zip(self.roots, self.begin, strict=True):
+            powers = [(root * time).exp()]
+            for k in range(1, multiplicity):
+                powers.append(powers[-1] * time / k)
+            course = [sum((first[i] * powers[k - i] for i in range(k + 1)), acb(0)) for k in range(multiplicity)]
+            if derivative:
+                course = [root * x + below for x, below in zip(course, [acb(0), *course], strict=False)]
+            entries += [part for x in course for part in _parts(x, flexible)]
+        return arb_mat(len(entries), 1, entries)
 
     def rows(self, s: Sequence[arb], integrated: bool = False) -> arb_mat:
         """b at times to go s [s], or its integral from 0: shape (size, len(s))."""
@@ -145,7 +166,7 @@ def equations(problem: Problem, bits: int) -> Equations:
         rest = plant.rest(maneuver.displacement)[0]
         away = rest if begin is None else [x - first for x, first in zip(rest, begin, strict=True)]
         state = arb_mat(plant.order, 1, [arb(rational(x)) for x in away])
-        return VaryingEquations((), (), state, arb_mat(plant.order, 0), (), Transition(plant, bits))
+        return VaryingEquations((), (), state, arb_mat(plant.order, 0), (), (), Transition(plant, bits))
     zeros = roots_near(problem.tail.zeros, problem.plants[0].numerators[problem.plants[0].output], bits)
     roots: list[Root] = []
     for plant, own in zip(problem.plants, problem.sets, strict=True):
@@ -163,7 +184,11 @@ def equations(problem: Problem, bits: int) -> Equations:
     units = [(zero, power, unit) for zero, powers, pair in zeros for power in range(powers) for unit in ((1, 1j) if pair else (1,))]
     columns = [_column(roots, zero, power, acb(unit)) for zero, power, unit in units]
     table = arb_mat(len(columns), len(entries), [value for column in columns for value in column]).transpose()
-    return Equations(tuple(roots), zeros, arb_mat(len(entries), 1, entries), table, problem.tail.caps)
+    first: tuple[tuple[acb, ...], ...] = ()
+    if maneuver.initial is not None:
+        denominator = problem.plants[0].denominator
+        first = tuple(tuple(chain(root, count, denominator, maneuver.initial)) for root, count, _ in roots)
+    return Equations(tuple(roots), zeros, arb_mat(len(entries), 1, entries), table, problem.tail.caps, first)
 
 
 def _column(roots: Sequence[Root], zero: acb, power: int, unit: acb) -> list[arb]:

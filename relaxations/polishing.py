@@ -48,8 +48,8 @@ class _System:
     """The equations of an extremal in two blocks: those of the command x = (s, T, c, τ), and those of the costate y = (λ, μ), linear in y.
 
     `∫ b u = target + columns c`, `e(τ) c = inside`, and `e'(τ) c = 0` for the contacts that move (their places are τ, e their rows);
-    `b(s_i)ᵀ λ = 0`, `columnsᵀ λ + eᵀ μ = 0` and `targetᵀ λ - roomᵀ μ = 1`. With a `fuel` that is left (a list of one, else of none) the
-    first are those of -|u| too, and λ has its price.
+    `b(s_i)ᵀ λ = 0`, `columnsᵀ λ + eᵀ μ = 0` and `targetᵀ λ - roomᵀ μ = 1`; the target is what an initial state leaves of it at T. With a
+    `fuel` that is left (a list of one, else of none) the first are those of -|u| too, and λ has its price.
     """
 
     exact: Equations
@@ -98,12 +98,14 @@ class _System:
         instants, tail = z[:arcs], arb_mat(n, 1, z[arcs : arcs + n])
         integrals, impulses = self.exact.rows(instants, True), self.exact.rows(instants)
         jumps = [*(before - after for before, after in itertools.pairwise(self.levels)), self.levels[-1]]
-        missed = (integrals * arb_mat(arcs, 1, jumps) - self.exact.target - self.exact.columns * tail).entries()
+        missed = (integrals * arb_mat(arcs, 1, jumps) - self.exact.aim(instants[-1]) - self.exact.columns * tail).entries()
         widths = [after - before for before, after in itertools.pairwise([arb(0), *instants])]
         missed += [left - sum((abs(u) * width for u, width in zip(self.levels, widths, strict=True)), arb(0)) for left in self.fuel]
         rows = zip(self.lasting(impulses, self.spent), self.lasting(self.exact.columns, [arb(0)] * n), strict=True)
         still = [arb(0)] * len(moving)
         slopes = [[*(b * jump for b, jump in zip(row, jumps, strict=True)), *(-c for c in columns), *still] for row, columns in rows]
+        for row, moved in zip(slopes, self.exact.drift(instants[-1], True).entries(), strict=False):
+            row[arcs - 1] += moved
         touching, turning, bending = (self.exact.touching(self.contacts, places, derivative) for derivative in range(3))
         values, changes, bends = ((table * tail).entries() for table in (touching, turning, bending))
         for k in range(len(self.contacts)):
@@ -121,7 +123,7 @@ class _System:
         rows = [[*column, *[arb(0)] * len(self.contacts)] for column in zip(*self.lasting(impulses, self.spent[:-1]), strict=True)]
         tails = zip(zip(*self.lasting(self.exact.columns, [arb(0)] * n), strict=True), touching.transpose().tolist(), strict=True)
         rows += [[*column, *shape] for column, shape in tails] if n else []
-        rows += [[*self.exact.target.entries(), *(arb(0) for _ in self.fuel), *(-room for room in self.room)]]
+        rows += [[*self.exact.aim(z[len(self.levels) - 1]).entries(), *(arb(0) for _ in self.fuel), *(-room for room in self.room)]]
         return arb_mat(rows), arb_mat(len(rows), 1, [0] * (len(rows) - 1) + [1])
 
     def step(self, z: Sequence[arb]) -> list[arb]:
@@ -141,6 +143,8 @@ class _System:
                 by_command[i] = bends[i]
             elif i < m + n:
                 by_command[m + 1 + n :] = [prices[k] * turning[k][i - m] for k in self.moving]
+            else:
+                by_command[m] = -(self.exact.drift(z[m], True).transpose() * arb_mat(size, 1, y.entries()[:size]))[0, 0]
             whole.append([*by_command, *row])
         return _solved(arb_mat(whole), arb_mat(command + costate, 1, [*missed, *(matrix * y - wanted).entries()]))
 
@@ -154,7 +158,7 @@ def polish(problem: Problem, extremal: Extremal, bits: int | None = None) -> Pol
 
     It may also start from a mere outline (`relaxations.refinement.outline`), where double precision has failed.
     """
-    if len(problem.plants) != 1 or problem.begin is not None:
+    if len(problem.plants) != 1:
         return None
     bits = bits or BITS + BITS_PER_EQUATION * problem.size
     with precision(bits):

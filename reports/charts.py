@@ -321,7 +321,7 @@ def shaping(
             x, y = _arrays(factors=factors, curve=curve)
             above.plot(x, y, color=colours[number % 3], linestyle=styles[number % 4], label=label)
         above.axhline(limit.value, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
-        above.axvspan(*band, color=_FAINT, alpha=0.5, linewidth=0, zorder=0)
+        above.axvspan(*band, color=_FAINT, alpha=0.5, linewidth=0, zorder=0, label=f"band, {band[0]:g} to {band[1]:g}")
         above.set_xlabel("frequency / modelled frequency")
         above.set_ylabel("residual vibration [%]")
         above.set_ylim(bottom=0.0)

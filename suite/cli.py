@@ -14,7 +14,7 @@ import click
 
 from suite.cli_fmus import fmus
 from suite.cli_tables import table, tradeoff
-from suite.command import AS_JSON, FAILED, INCONCLUSIVE, SANDBOX, USAGE, guarded, print_json, search_errors
+from suite.command import AS_JSON, FAILED, INCONCLUSIVE, SANDBOX, USAGE, guarded, harmless, print_json, search_errors
 
 POSITIVE = click.FloatRange(0.0, 1e150, min_open=True)
 
@@ -265,7 +265,7 @@ def linearize(
     try:
         found = linear(Request(fmu, entry, output, settings, method, at, step))  # type: ignore[arg-type] # click has checked the method
     except LinearizationError as problem:
-        click.echo(f"error: {problem}", err=True)
+        click.echo(harmless(f"error: {problem}"), err=True)
         sys.exit(USAGE if problem.status is None else INCONCLUSIVE)
     if as_json:
         print_json(found.to_dict())

@@ -91,19 +91,20 @@ def fmus_export(source: Path, as_json: bool, **options: Any) -> None:
 
 
 @fmus.command("inspect")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file")
 @AS_JSON
 @guarded
-def fmus_inspect(file: Path, as_json: bool) -> None:
-    """Tell what the FMU in FILE holds, and what would prevent a run of it here; none of its code is loaded.
+def fmus_inspect(file: str, as_json: bool) -> None:
+    """Tell what the FMU in FILE (or a plant shipped here) holds, and what would prevent a run of it here; none of its code is loaded.
 
     Exit code 0: it can be run here; 1: something prevents that; 2: bad input, an FMU that is refused everywhere.
     """
     from fmus.inspection import inspect
     from suite import console
     from suite.inspecting import inspection_record
+    from suite.taking_away import plant_path
 
-    found = inspect(file)
+    found = inspect(plant_path(file))
     if as_json:
         print_json(inspection_record(found))
     else:

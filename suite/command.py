@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import unicodedata
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
@@ -20,6 +21,11 @@ USAGE, INCONCLUSIVE, FAILED, INTERRUPTED = 2, 3, 1, 130
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Write one JSON object to standard output and nothing else there.")
 
 
+def harmless(text: str) -> str:
+    """Text of a stranger's file for a terminal: control characters, which may move its cursor or worse, become replacement characters."""
+    return "".join("\ufffd" if character not in "\n\t" and unicodedata.category(character)[0] == "C" else character for character in text)
+
+
 @contextmanager
 def search_errors() -> Iterator[None]:
     """What was asked for rightly and not found: a message and exit code 1, as for what is impossible; nothing is claimed of it."""
@@ -28,7 +34,7 @@ def search_errors() -> Iterator[None]:
     try:
         yield
     except SolverError as problem:
-        click.echo(f"not found: {problem}", err=True)
+        click.echo(harmless(f"not found: {problem}"), err=True)
         sys.exit(FAILED)
 
 
@@ -43,10 +49,10 @@ def user_errors() -> Iterator[None]:
     try:
         yield
     except ImpossibleShaperError as problem:
-        click.echo(f"impossible: {problem}", err=True)
+        click.echo(harmless(f"impossible: {problem}"), err=True)
         sys.exit(FAILED)
     except (SuiteError, FmuError, RelaxationsError, ReportError) as problem:
-        click.echo(f"error: {problem}", err=True)
+        click.echo(harmless(f"error: {problem}"), err=True)
         sys.exit(USAGE)
     except OSError as problem:
         where = f"{problem.filename}: " if problem.filename else ""

@@ -10,13 +10,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from rich import markup
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.table import Table
 
 from suite.campaign import RunResult
+from suite.command import harmless
 from suite.evidence import number
 from suite.inspecting import summary, terminal_lines, variable_rows
 from suite.shaper_text import study_lines
@@ -39,6 +40,11 @@ MOST_VARIABLES = 100  # rows of a table on a terminal; FMUs have up to 100,000
 MOST_STATES = 12  # whose values are shown
 MOST_LEVELS = 24  # of a staircase that is shown
 WIDTH = 140  # of tables that are written to a file or a pipe, where no terminal says how wide it is
+
+
+def escape(text: str) -> str:
+    """Text as it is, for a console that takes markup: neither markup nor control characters of a stranger's file act."""
+    return markup.escape(harmless(text))
 
 
 def out() -> Console:

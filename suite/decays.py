@@ -43,6 +43,7 @@ class Measured:
             "samples": self.decay.samples,
             "rest": self.decay.rest,
             "rms": self.decay.rms,
+            "share": self.decay.share,
             "modes": [
                 {
                     "frequency": found.mode.frequency,
@@ -65,12 +66,17 @@ def measured_decay(file: Path, signal: str | None = None, begin: float | None = 
         raise SuiteError(f"{file} has more than {LARGEST_FILE} bytes; cut the decay out of it")
     try:
         name, times, values, own = _log(file, signal) if file.suffix == ".mcap" else table_series(file, signal)
+        if (falls := np.flatnonzero(np.diff(times) < 0.0)).size:
+            before, after = times[falls[0] : falls[0] + 2].tolist()
+            raise DecayError(f"its times [s] ascend in the order of the samples, but {after!r} follows {before!r}")
         first = own if begin is None else begin
         kept = (times >= first) & (times <= (math.inf if end is None else end))
         if not kept.any():
             raise DecayError(f"it has no sample from {first:g} s on{'' if end is None else f' until {end:g} s'}")
         times, values = times[kept], values[kept]
-        once = np.append(True, np.diff(times) > 0.0)  # at a jump of the input a log has two rows
+        once = np.append(True, np.diff(times) != 0.0)  # at a jump of the input a log has two rows
+        if 2 * int(once.sum()) < len(times):
+            raise DecayError(f"{len(times)} samples have {int(once.sum())} different times: they are rounded; write more of their digits")
         found = identify_decay(times[once], values[once])
     except (DecayError, RelaxationsError) as problem:
         raise SuiteError(f"{file}: {problem}") from None
@@ -83,8 +89,11 @@ def table_series(file: Path, signal: str | None) -> tuple[str, Reals, Reals, flo
         with file.open(newline="", encoding="utf-8-sig") as lines:
             sample = lines.read(4096)
             lines.seek(0)
-            delimiter = max(",;\t", key=sample.count)
+            # Where commas are those of decimals, columns are separated by something else.
+            delimiter = next((mark for mark in ";\t" if mark in sample), ",")
             rows = [row for row in csv.reader(lines, delimiter=delimiter) if any(cell.strip() for cell in row)]
+            if delimiter != ",":
+                rows = [[cell.replace(",", ".") if cell.count(",") == 1 else cell for cell in row] for row in rows]
     except (UnicodeDecodeError, csv.Error) as problem:
         raise SuiteError(f"{file} is no table of text (CSV): {problem}") from None
     if not rows or len(rows[0]) < 2:
@@ -99,6 +108,8 @@ def table_series(file: Path, signal: str | None) -> tuple[str, Reals, Reals, flo
     elif len(names) > 2:
         raise SuiteError(f"{file} has several columns; choose one by --signal: {', '.join(names[1:])}")
     body = rows[named:]
+    if not body:
+        raise SuiteError(f"{file} has names of columns and no row of numbers")
     for number, row in enumerate(body, 1 + named):
         if len(row) <= column or not (_is_number(row[0]) and _is_number(row[column])):
             raise SuiteError(f"{file}: line {number} has no number for {names[0]!r} and {names[column]!r}: {delimiter.join(row)[:60]!r}")
@@ -121,6 +132,8 @@ def _log(file: Path, signal: str | None) -> tuple[str, Reals, Reals, float]:
         except (LogError, RecordError) as problem:
             raise SuiteError(f"{file}: {problem}") from None
         return signal, times, values, float(times[0])
+    if file.stat().st_size == 0:
+        raise SuiteError(f"{file} is empty")
     try:
         run = observe(logs.read_log(file))
     except (LogError, RecordError, LookupError, ValueError, TypeError) as problem:

@@ -13,6 +13,7 @@ from reports.files import json_bytes, write_atomically
 from suite.errors import SuiteError
 from suite.shaping import Shaping
 
+REPRAP = ".g"
 CURVE, STEPS = 601, 801  # samples of the two charts
 
 
@@ -101,8 +102,15 @@ def _klipper(done: Shaping) -> str:
 
 
 def _reprapfirmware(done: Shaping) -> str:
-    """RepRapFirmware: amplitudes but the last, which makes the sum 1, and delays [s] of the later impulses from the first one."""
-    return f'M593 P"custom" H{_list(done.shaper.amplitudes[:-1], ":")} T{_list(done.shaper.times[1:], ":")}\n'
+    """RepRapFirmware, 3.6 on: amplitudes but the last, which makes the sum 1, and delays [s] of the later impulses from the first one."""
+    amplitudes = done.shaper.amplitudes
+    if len(amplitudes) == 1:
+        return 'M593 P"none"\n'
+    if math.fsum(amplitudes[:-1]) >= 1.0:
+        raise SuiteError(
+            f"--export …{REPRAP}: RepRapFirmware takes a last impulse that is positive, and this one is {amplitudes[-1]!r}; others take any"
+        )
+    return f'M593 P"custom" H{_list(amplitudes[:-1], ":")} T{_list(done.shaper.times[1:], ":")}\n'
 
 
 def _header(done: Shaping) -> str:
@@ -126,4 +134,4 @@ def _list(numbers: Sequence[float], between: str) -> str:
     return between.join(f"{number:.17g}" for number in numbers)
 
 
-EXPORTS: dict[str, Callable[[Shaping], str]] = {".cfg": _klipper, ".g": _reprapfirmware, ".h": _header}
+EXPORTS: dict[str, Callable[[Shaping], str]] = {".cfg": _klipper, REPRAP: _reprapfirmware, ".h": _header}

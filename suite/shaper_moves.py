@@ -9,7 +9,7 @@ from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
 from relaxations.errors import ImpossibleShaperError, ShaperError
 from relaxations.shaping.kinds import find
-from relaxations.shaping.moves import Move, in_turn, left_over, rigid, with_zeros, within_band
+from relaxations.shaping.moves import Move, in_turn, left_over, rigid, with_zeros, within_bands
 from relaxations.shaping.requests import Request
 from relaxations.shaping.shapers import Shaper
 from suite.bound_records import bound_record
@@ -52,7 +52,7 @@ class Moved:
 def moved(kind: str, request: Request, shaper: Shaper, move: Move, damping: tuple[float, float] | None) -> Moved:
     """The move in its three designs.
 
-    Raises `ShaperError` for kinds that are made by other demands than zeros or one band, `SolverError`, `ImpossibleShaperError`.
+    Raises `ShaperError` for kinds that are made by other demands than zeros or bands, `SolverError`, `ImpossibleShaperError`.
     """
     found, number = find(kind)
     bands = [band for _, band in request.reaches()]
@@ -63,10 +63,8 @@ def moved(kind: str, request: Request, shaper: Shaper, move: Move, damping: tupl
     kept = None
     if found.zeros is not None:
         together = with_zeros(move, *found.zeros(request, number))
-    elif kind == "si" and len(bands) == 1:
-        together, kept = within_band(move, bands[0]), bands[0].tolerance
     elif kind == "si":
-        raise ShaperError('a move is designed together with one band; for several use a study: robustness = "box" in its [command]')
+        together, kept = within_bands(move, bands), bands[0].tolerance
     else:
         raise ShaperError(f"{kind} is made by no demands that a move could be designed for")
     shaped = in_turn(move, alone.command, shaper)

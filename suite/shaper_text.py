@@ -19,7 +19,7 @@ def shaper_lines(done: Shaping) -> Iterator[str]:
     request = done.request
     if done.decay is not None:
         found = done.decay
-        left = f"rms {found.decay.rms:.3g} is left of {found.decay.samples} samples"
+        left = f"rms {found.decay.rms:.3g} is left of {found.decay.samples} samples, {found.decay.share:.2g} of the signal's own"
         yield f"decay of {found.signal}, {found.begin:g} to {found.end:g} s: {left}"
         for number, mode in enumerate(found.decay.modes, 1):
             frequency, error = mode.mode.frequency / (2 * math.pi), mode.frequency_error / (2 * math.pi)

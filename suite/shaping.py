@@ -186,7 +186,7 @@ def _reach(shaper: Shaper, number: int, band: Band, damping: tuple[float, float]
     low, high = damping or (band.mode.damping, band.mode.damping)
     frequencies = [Fraction(repr(factor)) * Fraction(repr(band.mode.frequency)) for factor in (band.low, band.high)]
     box = (frequencies[0], frequencies[1]), (Fraction(repr(low)), Fraction(repr(high)))
-    return Reach(number + 1, band, worst_residual(*exact, *box, relative=PROVEN, absolute=PROVEN, order=order))
+    return Reach(number + 1, band, worst_residual(*exact, *box, relative=PROVEN, absolute=PROVEN * band.tolerance, order=order))
 
 
 def _request(asked: Asked, further: Sequence[str]) -> tuple[Request, tuple[float, float] | None, Measured | None, Move | None]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from fmus.archives import Fmu, open_archive
 from fmus.blocks import HISTORY, Block, Signal, command_block, model_name, shaper_block
-from fmus.build import locate, shipped
+from fmus.build import is_shipped, locate, shipped
 from fmus.compiling import FmiVersion, has_zig
 from fmus.descriptions import Variable
 from fmus.exporting import Exported, export, targets
@@ -67,7 +67,7 @@ def take_away(source: Path, wanted: Wanted) -> Taken:
     content = read_command_or_shaper(source)
     kind = "command" if isinstance(content, Command) else "shaper"
     name = wanted.name or model_name(source.stem.removesuffix(".command").removesuffix(".shaper"))
-    plant = open_archive(_plant_path(wanted.plant, wanted.fmi)) if wanted.plant else None
+    plant = open_archive(plant_path(wanted.plant, wanted.fmi)) if wanted.plant else None
     versions = _versions(wanted.fmi, plant)
     paths = _paths(wanted.out, name, versions, "ssp" if plant else "fmu")
     if there := [str(path) for path in paths if path.exists() and not wanted.force]:
@@ -87,13 +87,14 @@ def take_away(source: Path, wanted: Wanted) -> Taken:
     return Taken(kind, name, tuple((path, made) for path, made, _ in files), note)
 
 
-def _plant_path(name: str, fmi: str | None) -> Path:
+def plant_path(name: str, fmi: str | None = None) -> Path:
+    """The file of an FMU: a path, or a plant shipped here, which is built if it has to be; `SuiteError` for neither."""
     plants = shipped()
-    if name in plants:
+    if "." not in name and is_shipped(name):
         return locate(name if fmi is None else f"{name}.fmi{fmi}")
-    if name.partition(".")[0] in plants and not Path(name).exists():
+    if is_shipped(name) and not Path(name).exists():
         return locate(name)
-    if not Path(name).is_file():
+    if not Path(name).exists():
         raise SuiteError(f"{name} is no file, and the plants shipped here are {', '.join(plants)}{did_you_mean(name, plants)}")
     return Path(name)
 

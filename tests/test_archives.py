@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import warnings
 import zipfile
 from collections.abc import Mapping
@@ -172,6 +173,13 @@ def test_says_that_a_file_is_no_fmu(content: bytes, tmp_path: Path) -> None:
     path.write_bytes(content)
     with pytest.raises(ArchiveError, match=r"a\.fmu is no intact FMU"):
         open_archive(path)
+
+
+def test_a_pipe_or_a_device_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.fmu")
+    for path in (tmp_path / "pipe.fmu", Path("/dev/zero")):
+        with pytest.raises(ArchiveError, match="is no file but a pipe, socket or device"):
+            open_archive(path)
 
 
 def test_says_what_an_archive_lacks(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """Libraries for every platform from one machine, with ziglang: what they are for, export and need, and that the same comes out each time.
 
-None but this machine's can be run here; the others are read.
+They are read here; tests/test_emulation.py runs them.
 """
 
 from __future__ import annotations

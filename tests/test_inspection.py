@@ -78,6 +78,14 @@ def test_nothing_prevents_a_run_of_what_is_shipped(version: str) -> None:
     assert found.sources
 
 
+def test_a_plant_shipped_here_has_a_name() -> None:
+    assert "nothing prevents a run here" in run("two_mass.fmi2").stdout
+    assert json.loads(run("chain_6", "--json").stdout)["model"]
+    done = run("two_maas")
+    assert done.exit_code == 2
+    assert 'did you mean "two_mass"?' in done.stderr
+
+
 def test_loads_no_code(tmp_path: Path) -> None:
     """A library that leaves a mark as soon as it is loaded."""
     mark, source, library = tmp_path / "mark", tmp_path / "mark.c", tmp_path / "mark.so"

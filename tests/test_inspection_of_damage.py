@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zipfile
 from collections.abc import Callable
@@ -94,6 +95,45 @@ def test_libraries_for_other_machines_are_looked_at_too(healthy: Files, tmp_path
     notes = "\n".join(found.notes)
     assert "binaries/win64/two_mass.dll is a shared library that is damaged or cut off" in notes
     assert f"binaries/darwin64/two_mass.dylib is for {host_platform()}, not for x86_64-darwin or aarch64-darwin" in notes
+
+
+@pytest.mark.parametrize("gone", ["CoSimulation", "ModelExchange"])
+def test_one_interface_is_enough(healthy: Files, gone: str, tmp_path: Path) -> None:
+    text = healthy["modelDescription.xml"].decode()
+    changed = re.sub(rf"(?s)<{gone}\b[^>]*?(/>|>.*?</{gone}>)", "", text)
+    assert changed != text
+    path = pack(tmp_path / "a.fmu", {**healthy, "modelDescription.xml": changed.encode()})
+    assert inspect(path).obstacles == ()
+    assert runs(path)
+
+
+@pytest.mark.parametrize(("named", "prevents"), [("CoSimulation", True), ("ModelExchange", False)])
+def test_what_is_wrong_with_the_other_interface_is_a_note(healthy: Files, named: str, prevents: bool, tmp_path: Path) -> None:
+    """Each interface has a library of its own; one of them is text."""
+    before, tag, rest = healthy["modelDescription.xml"].decode().partition(f"<{named}")
+    text = before + tag + rest.replace('modelIdentifier="two_mass"', 'modelIdentifier="other"', 1)
+    member = binary(healthy)
+    files = {**healthy, "modelDescription.xml": text.encode(), member.replace("two_mass", "other"): b"no library"}
+    path = pack(tmp_path / "a.fmu", files)
+    found = inspect(path)
+    told = found.obstacles if prevents else found.notes
+    assert any("other.so is text" in line for line in told)
+    assert bool(found.obstacles) is prevents
+    assert runs(path) is not prevents
+    del files[member.replace("two_mass", "other")]
+    found = inspect(pack(path, files))
+    interface = "co simulation" if prevents else "model exchange"
+    assert any(line.startswith(f"it has no binary for {interface} on this machine") for line in found.notes)
+
+
+def test_control_characters_of_an_fmu_do_not_reach_the_terminal(healthy: Files, tmp_path: Path) -> None:
+    text = re.sub('modelName="[^"]*"', 'modelName="two&#x9b;31m&#x202e;[red]mass"', healthy["modelDescription.xml"].decode())
+    path = pack(tmp_path / "a.fmu", {**healthy, "modelDescription.xml": text.encode()})
+    done = CliRunner().invoke(main, ["fmus", "inspect", str(path)], catch_exceptions=False)
+    assert "two\ufffd31m\ufffd[red]mass" in done.stdout
+    done = CliRunner().invoke(main, ["linearize", str(path), "--input", "x", "--output", "y"], catch_exceptions=False)
+    assert "\ufffd31m" in done.stderr
+    assert "\x9b" not in done.output
 
 
 def damage(path: Path, member: str) -> None:

@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 from made_fmus import linear_fmu, made_fmu, steps_only
 
+from fmus import probing
 from fmus.archives import Fmu, open_archive
+from fmus.bench import AMPLITUDES
 from fmus.blocks import Signal, shaper_block
 from fmus.build import FmiVersion, build
 from fmus.compiling import host
 from fmus.errors import LinearizationError
 from fmus.exporting import export
 from fmus.linearization import Linearization, linearize
-from fmus.stepping import Probe, RunStatus
+from fmus.stepping import Experiment, Outcome, Probe, RunStatus
 from fmus.workers import Worker
 from relaxations.shaping.shapers import Shaper
 
@@ -253,6 +255,26 @@ def test_what_is_not_linear_at_any_size_is_refused(tmp_path: Path, worker: Worke
     relay = steps_only(made_fmu("relay", signs, {"x": 0.0}), tmp_path / "relay.fmu")
     with pytest.raises(LinearizationError, match="not linear"):
         linearize(open_archive(relay), "u", "y", probe=Probe(step=0.05), worker=worker)
+
+
+def test_of_a_slow_fmu_that_is_not_linear_no_more_is_tried_than_time_allows(
+    tmp_path: Path, worker: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without time nothing but the first look and the sampling time it led to: every amplitude up and down, a pulse, a check."""
+    body = "void plant_derivatives(Plant *p) { p->der_x = fabs(p->u) * p->u - p->x; }\nvoid plant_outputs(Plant *p) { p->y = p->x; }"
+    fmu = open_archive(steps_only(made_fmu("square", body, {"x": 0.0}), tmp_path / "square.fmu"))
+    runs: list[float] = []
+    run = Worker.run
+
+    def counted(self: Worker, experiment: Experiment, timeout: float) -> Outcome:
+        runs.append(experiment.stop)
+        return run(self, experiment, timeout)
+
+    monkeypatch.setattr(Worker, "run", counted)
+    monkeypatch.setattr(probing, "GIVE_UP", 0.0)
+    with pytest.raises(LinearizationError, match=r"not linear there.* \(given up after \d+ s: its runs are slow\)"):
+        linearize(fmu, "u", "y", worker=worker)
+    assert len(runs) <= 1 + 2 * len(AMPLITUDES) + 4
 
 
 def test_an_fmu_that_fails_far_out_is_moved_less(tmp_path: Path, worker: Worker) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import subprocess
 from pathlib import Path
@@ -14,6 +15,7 @@ from click.testing import CliRunner, Result
 
 from relaxations.shaping.sensitivity import residual, step_response
 from relaxations.shaping.shapers import Shaper
+from relaxations.shaping.streams import Stream
 from suite.cli import main
 
 
@@ -140,6 +142,47 @@ def test_files_for_others_hold_the_same_numbers(tmp_path: Path):
     picture = files[4].read_text()
     assert picture.startswith("<svg ")
     assert "40 Hz, damping 0.1" in picture
+
+
+@pytest.mark.parametrize("dialect", ["c89", "c99", "c++98"])
+def test_the_header_compiles_without_a_warning_and_shapes_as_the_stream_does(dialect: str, tmp_path: Path):
+    step, samples = 0.01, np.cumsum(np.random.default_rng(4).normal(size=300))
+    header = tmp_path / "shaper.h"
+    assert run("zvd", *MODES, "--sample-time", str(step), "--export", header, "--save", tmp_path / "shaper.json").exit_code == 0
+    listed = ", ".join(f"{x!r}" for x in samples.tolist())
+    program = tmp_path / ("filter.cc" if "+" in dialect else "filter.c")
+    program.write_text(f"""#include <stdio.h>
+#include "shaper.h"
+#include "shaper.h" /* guarded */
+static const double samples[300] = {{{listed}}};
+int main(void) {{
+    int n, i;
+    for (n = 0; n < 300; n++) {{
+        double shaped = 0.0;
+        for (i = 0; i < SHAPER_TAPS; i++) {{
+            int delay = (int)(shaper_times[i] / {step!r} + 0.5);
+            if (n >= delay) shaped += shaper_amplitudes[i] * samples[n - delay];
+        }}
+        printf("%.17g\\n", shaped);
+    }}
+    return 0;
+}}
+""")
+    compiler = "c++" if "+" in dialect else "cc"
+    flags = [f"-std={dialect}", "-Wall", "-Wextra", "-pedantic", "-Werror"]
+    subprocess.run([compiler, *flags, "-o", tmp_path / "filter", program], check=True)
+    rows = subprocess.run([tmp_path / "filter"], capture_output=True, text=True, check=True).stdout.split()
+    shaper = Shaper.from_json((tmp_path / "shaper.json").read_text())
+    assert [float(x) for x in rows] == pytest.approx(Stream(shaper, step)(samples), abs=1e-14)  # the order of the sum may differ
+    assert abs(math.fsum(shaper.amplitudes) - 1.0) <= 2e-16 * len(shaper.amplitudes)  # each is rounded once
+
+
+def test_firmware_gets_only_what_it_takes(tmp_path: Path):
+    assert run("none", "--mode", "40Hz:0", "--export", tmp_path / "none.g").exit_code == 0
+    assert (tmp_path / "none.g").read_text() == 'M593 P"none"\n'
+    done = run("custom", "--impulses", "0:1.2,0.01:-0.2", "--mode", "40Hz:0", "--export", tmp_path / "last.g")
+    assert done.exit_code == 2
+    assert "a last impulse that is positive, and this one is -0.2" in done.stderr
 
 
 def test_the_step_response_is_that_of_the_differential_equation():

@@ -69,9 +69,9 @@ def test_where_one_hump_ends_and_that_it_is_continuous_there():
 @pytest.mark.parametrize("humps", [1, 2, 3])
 def test_humps_are_continuous_in_the_tolerance(humps: int):
     """Around every bend of the curve of solutions: a step of the tolerance moves nothing by more than a small multiple of it."""
-    steps = np.linspace(0.02, 0.2, 10)
+    steps = np.linspace(0.02, 0.2, 7)
     durations = [extra_insensitive(Mode(1.0, 0.3), float(v), humps).shaper.duration for v in steps]
-    assert np.abs(np.diff(durations)).max() < 0.4
+    assert np.abs(np.diff(durations)).max() < 0.6
 
 
 @pytest.mark.parametrize("tolerance", [1e-12, 1e-4, 0.5])
@@ -117,3 +117,49 @@ def test_unity_magnitude_near_critical_damping(derivatives: int):
         shaper = unity_derivatives(Mode(1.0, damping), derivatives)
         assert sum(shaper.amplitudes) == 1.0
         assert float(residual(shaper.times, shaper.amplitudes, 1.0, damping)[0]) < 1e-12
+
+
+@pytest.mark.parametrize("count", [5, 9, 20])
+def test_the_worst_case_of_many_impulses_encloses_that_of_a_fine_sample(count: int):
+    """Random sequences, negative impulses among them, over boxes of frequency and damping, of impulses and of pulses' edges."""
+    chance = np.random.default_rng(count)
+    for order in (0, 1):
+        times = np.concatenate([[0.0], np.sort(chance.uniform(0.0, 12.0, count - 1))])
+        amplitudes = chance.normal(size=count)
+        numbers = [Fraction(float(t)) for t in times], [Fraction(float(a)) for a in amplitudes]
+        found = worst_residual(*numbers, (Fraction(7, 10), Fraction(3, 2)), (Fraction(0), Fraction(1, 5)), relative=1e-4, order=order)
+        seen = max(float(residual(times, amplitudes, np.linspace(0.7, 1.5, 801), z, order).max()) for z in np.linspace(0.0, 0.2, 41))
+        assert found.lower <= found.upper <= found.lower * (1 + 1.1e-4)
+        assert seen <= found.upper
+        assert found.lower <= seen * (1 + 2e-3)  # of the sample's own distance from the peak
+
+
+def test_nearly_nothing_is_proven_of_sequences_in_which_everything_cancels():
+    """(N + 1)-fold zeros: 61 impulses over a band, within a thousand cells."""
+    shaper = derivative_shaper(Mode(1.0, 0.05), 60)
+    numbers = [Fraction(t) for t in shaper.times], [Fraction(a) for a in shaper.amplitudes]
+    found = worst_residual(*numbers, (Fraction(1, 2), Fraction(2)), (Fraction(1, 20), Fraction(1, 20)), relative=1e-8, absolute=1e-12)
+    grid = residual(shaper.times, shaper.amplitudes, np.linspace(0.5, 2.0, 4001), 0.05)
+    assert found.lower <= found.upper <= found.lower * (1 + 1.1e-8)
+    assert found.upper == pytest.approx(float(grid.max()), rel=1e-5)
+    assert found.cells < 1000
+
+
+@pytest.mark.parametrize("damping", [0.5, 0.95, 0.999])
+@pytest.mark.parametrize("tolerance", [0.05, 0.5])
+def test_specified_insensitivity_is_near_its_bound_with_much_damping(damping: float, tolerance: float):
+    """Where the mode's own decay does it all, e^{-ζ·0.8ωT} = V: the shaper is within 1e-4 of the least duration, and proven to keep V."""
+    made = make("si", Request((Mode(1.0, damping),), tolerance=tolerance))
+    assert made.least is not None
+    assert made.least.duration <= made.shaper.duration <= made.least.duration * (1 + 1e-4)
+    assert worst(made.shaper, damping, 0.8, 1.2) <= tolerance
+    if damping > 0.9:
+        assert made.shaper.duration == pytest.approx(-math.log(tolerance) / (0.8 * damping), rel=1e-4)
+
+
+def test_specified_insensitivity_of_a_tolerance_that_programs_do_not_tell_from_none():
+    made = make("si", Request((Mode(1.0, 0.6),), tolerance=1e-9))
+    assert made.least is not None
+    assert made.least.duration < made.shaper.duration
+    assert worst(made.shaper, 0.6, 0.8, 1.2) <= 1e-9
+    assert any("larger tolerance" in note for note in made.notes)

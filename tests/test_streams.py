@@ -75,6 +75,54 @@ def test_nothing_jumps_while_the_shaper_follows_its_schedule():
         assert shaped[-1] == pytest.approx(5.0, abs=1e-12)
 
 
+@pytest.mark.parametrize("make", [lambda: Stream(derivative_shaper(MODE, 2), 0.013, 0.5), lambda: VaryingStream(falling(), 0.013, 0.5)])
+def test_a_refused_block_leaves_the_filter_as_it_was(make):
+    samples = np.random.default_rng(8).normal(size=300)
+    stream = make()
+    parts = [stream(samples[:100])]
+    for bad in ([math.inf], [1.0, math.nan], 3.0):
+        with pytest.raises(ShaperError):
+            stream(bad)
+        assert len(stream([])) == 0
+    parts += [stream(samples[k : k + 1]) for k in range(100, 200)]
+    parts += [stream(samples[200:])]
+    assert np.array_equal(np.concatenate(parts), make()(samples))
+
+
+def test_memory_stays_as_long_as_the_shaper():
+    stream = Stream(derivative_shaper(MODE, 1), 0.01)
+    for size in (0, 1, 7, 1_000_000, 1):
+        stream(np.zeros(size))
+        assert len(stream._memory) == stream.taps[-1][0]
+        assert stream._memory.base is None or len(stream._memory.base) <= len(stream._memory) + size
+
+
+def changing() -> Schedule:
+    """From zv to zvd to three impulses of another mode, and back."""
+    kinds = [derivative_shaper(MODE), derivative_shaper(MODE, 1), derivative_shaper(Mode(9.0, 0.1), 1), derivative_shaper(MODE)]
+    return Schedule((1.0, 2.0, 3.0, 5.0), tuple(kinds))
+
+
+def test_nothing_jumps_where_kinds_change_and_outside_of_the_schedule():
+    """The rate of the output is bounded whatever the step; of a filter that is changed at once (the other half of the pair) it is not."""
+    speed, jumps, changed = 1.0, [], []
+    for step in (0.01, 0.001):
+        instants = step * np.arange(round(8.0 / step))
+        ramp = speed * np.minimum(instants, 6.0)
+        shaped = VaryingStream(changing(), step)(ramp)
+        jumps.append(np.abs(np.diff(shaped)).max() / step)
+        at = round(2.0 / step)
+        halves = Stream(derivative_shaper(MODE), step), Stream(derivative_shaper(MODE, 1), step)
+        changed.append(np.abs(np.diff(np.concatenate([halves[0](ramp)[:at], halves[1](ramp)[at:]]))).max() / step)
+        early, late = (Stream(derivative_shaper(MODE), step)(ramp) for _ in range(2))
+        assert shaped[instants < 1.0] == pytest.approx(early[instants < 1.0], abs=1e-12), "held before the schedule begins"
+        assert shaped[instants > 5.0] == pytest.approx(late[instants > 5.0], abs=1e-12), "held behind its end"
+    assert max(jumps) <= 3.0 * speed
+    assert jumps[1] == pytest.approx(jumps[0], rel=0.05)
+    assert changed[1] > 5.0 * changed[0] > 50.0 * speed
+    assert changing().at(np.linspace(-1.0, 9.0, 101))[1].sum(axis=0) == pytest.approx(np.ones(101), abs=1e-14)
+
+
 def test_the_varying_shaper_leaves_less_than_the_one_for_where_it_began():
     """A pendulum of slowly growing length, its pivot moved: with the schedule of its length, and with the shaper for its first length."""
     rate, gravity = 0.35, 9.81
@@ -109,7 +157,12 @@ def test_the_varying_shaper_leaves_less_than_the_one_for_where_it_began():
         (lambda: Stream(derivative_shaper(MODE), 0.0), ["0.0", "positive"]),
         (lambda: VaryingStream(falling(), math.nan), ["nan"]),
         (lambda: Stream(Shaper((0.0,), (0.5,), (ShaperTerm(0.0, -1 + 0j, 0, 0.5 + 0j),)), 0.1), ["FMU"]),
-        (lambda: Schedule((0.0, 0.0), (derivative_shaper(MODE), derivative_shaper(MODE, 1))), ["ascend", "2 and 3"]),
+        (lambda: Schedule((0.0, 0.0), (derivative_shaper(MODE), derivative_shaper(MODE, 1))), ["ascend"]),
+        (lambda: Schedule((0.0, math.nan), (derivative_shaper(MODE), derivative_shaper(MODE))), ["ascend", "nan"]),
+        (lambda: Stream(derivative_shaper(MODE), 0.1)(1.0), ["shape (n,)", "()"]),
+        (lambda: Stream(derivative_shaper(MODE), 0.1)([[1.0], [2.0]]), ["(2, 1)"]),
+        (lambda: Stream(derivative_shaper(MODE), 0.1)(["one"]), ["row of numbers", "one"]),
+        (lambda: VaryingStream(falling(), 0.1)([0.0, math.nan]), ["sample 1", "nan"]),
         (lambda: Schedule((), ()), ["one shaper for each"]),
     ],
 )

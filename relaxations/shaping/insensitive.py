@@ -43,6 +43,10 @@ MISSED = 1e-6  # relative excess between samples that calls for another one
 SHORTER = (1e-8, 1e-6, 1e-4, 1e-3, 1e-2)  # relative: how far below the shortest duration the proof that none is shorter is tried
 TOUCHING = 1e-6  # of the sum of the multipliers: a demand with less does not count
 NOTHING = 1e-10  # what is left of a vibration of size 1 where it is to vanish
+PLAIN = 20.0  # times the largest tolerance is what a program counts in, where that is less than 1
+LONGER = 1e-6  # relative: by how much a grid's shaper is longer at first, and then twice as much
+FEW = (1e-3, 1e-5, 0.0)  # weights on a grid that make an impulse, tried in turn
+NEARLY_NONE = 1e-12  # amplitude of an impulse that does not matter
 ROUGH = 1e-5  # relative accuracy of a duration from which Newton's method goes on
 
 
@@ -149,10 +153,14 @@ class _Search:
         return duration * np.union1d(np.linspace(0.0, 1.0, CELLS + 1), self.extra)
 
     def solve(self, duration: float) -> programs.ConeSolution:
-        columns = rows(self.demands, self.instants(duration), duration)
-        turned = apart(self.demands, columns)
-        solution = programs.closest(turned @ columns, np.array([d.tolerance for d in self.demands]))
-        return replace(solution, multipliers=turned.conj().T @ solution.multipliers)
+        return self.solve_on(self.instants(duration), duration)
+
+    def solve_on(self, instants: Reals, duration: float) -> programs.ConeSolution:
+        """In units in which small tolerances are not lost in the solver's own; the excess is in these units, too."""
+        columns, radii = rows(self.demands, instants, duration), np.array([d.tolerance for d in self.demands])
+        turned, unit = apart(self.demands, columns), min(1.0, PLAIN * float(radii.max())) if self.loose else 1.0
+        found = programs.closest(turned @ columns / unit, radii / unit)
+        return replace(found, sum=found.sum * unit, multipliers=turned.conj().T @ found.multipliers)
 
     @property
     def loose(self) -> bool:
@@ -245,26 +253,44 @@ class _Search:
         return not over and all(size <= NOTHING for size, d in zip(everywhere, self.demands, strict=True) if not d.tolerance)
 
     def coarse(self) -> Shaper:
-        """The grid's own solution, for where Newton's method fails: a hair longer, and exact zeros restored by least squares."""
-        duration = self.duration * (1.0 + 1e-6)
-        for attempt in range(ROUNDS):
-            solution, instants = self.solve(duration), self.instants(duration)
-            kept = np.flatnonzero(solution.weights > 1e-7)
-            exact = [d for d in self.demands if not d.tolerance]
-            table: NDArray[np.complex128] = (
-                rows(exact, instants[kept], duration) if exact else np.zeros((0, len(kept)), dtype=np.complex128)
-            )
-            equations = np.vstack([np.ones(len(kept)), table.real, table.imag])
-            missed = np.eye(len(equations))[0] - equations @ solution.weights[kept]
-            weights = solution.weights[kept] + np.linalg.lstsq(equations, missed, rcond=None)[0]
-            times = instants[kept] - instants[kept][0]
-            if weights.min() > 0.0 and np.abs(equations @ weights - np.eye(len(equations))[0]).max() <= 1e-11:
-                over = exceeded(times, weights, self.bands, 1.0)
-                if not over:
+        """The grid's own solution, for where Newton's method fails: a hair longer, and exact zeros restored by least squares.
+
+        With much damping the mode's own decay does more than a last impulse would: there its amplitude is next to nothing, and it says no
+        more than when the residual is looked at.
+        """
+        for attempt in range(2 * ROUNDS):
+            duration = self.duration * (1.0 + LONGER * 2.0**attempt)
+            for _ in range(ROUNDS):
+                times, weights = self._few(duration)
+                over = [] if times is None else exceeded(times, weights, self.bands, 1.0)
+                if times is not None and not over:
                     return _shaper(times, weights)
+                if not over:
+                    break
                 self.demands += over
-            duration *= 1.0 + ROUGH * 3.0**attempt
         raise SolverError("the grid's shaper does not hold between its instants and frequencies")
+
+    def _few(self, duration: float) -> tuple[Reals | None, Reals]:
+        """Instants, first and last among them, and weights of a grid's solution, on as few as it takes; no instants if it does not hold."""
+        instants = self.instants(duration)
+        solution = self.solve(duration)
+        for least in FEW:
+            kept = solution.weights >= least
+            kept[[0, -1]] = True
+            try:
+                fewer = self.solve_on(instants[kept], duration) if least else solution
+            except SolverError:
+                continue
+            if fewer.excess <= (0.0 if self.loose else CLOSE):
+                weights = np.maximum(fewer.weights, NEARLY_NONE)
+                exact = [d for d in self.demands if not d.tolerance]
+                table = rows(exact, instants[kept], duration) if exact else np.zeros((0, len(weights)), dtype=np.complex128)
+                equations = np.vstack([np.ones(len(weights)), table.real, table.imag])
+                aim = np.eye(len(equations))[0]
+                weights = weights + np.linalg.lstsq(equations, aim - equations @ weights, rcond=None)[0]
+                if weights.min() > 0.0 and np.abs(equations @ weights - aim).max() <= 1e-11:
+                    return instants[kept], weights
+        return None, solution.weights
 
     def proven(self, exact: Extremal | None) -> float | None:
         """The longest duration [s] for which it is proven that no shaper is as short."""

@@ -18,6 +18,7 @@ from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import exact
 from relaxations.shaping.bounded import bounded
 from relaxations.shaping.comparisons import (
+    ONE_MODE,
     UNPROVEN,
     bounds_of,
     compared,
@@ -41,7 +42,9 @@ from relaxations.shaping.ranges import humped_ranges
 from relaxations.shaping.requests import Least, Made, Request
 from relaxations.shaping.sampled import Sampled, sampled
 from relaxations.shaping.shapers import Shaper, as_pulses, convolve
+from relaxations.shaping.small_tolerances import SMALLEST, within
 
+LARGER_TOLERANCE = "a tolerance so small is kept by a humped shaper, near the shortest; the least duration is that of a larger tolerance"
 SAME = 1.0 - 1e-5  # of a tolerance: humps are designed a hair below it
 CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 
@@ -208,11 +211,19 @@ def _negative(request: Request, number: int) -> Made:
 
 def _insensitive(request: Request, number: int) -> Made:
     reaches = request.reaches()
-    shortest = specified([band for _, band in reaches])
-    alone = request.simultaneous or len(request.modes) == 1
-    own = ([band for i, band in reaches if i == k] for k in range(len(request.modes)))
-    shaper = shortest.shaper if alone else reduce(convolve, (specified(bands).shaper for bands in own))
-    return Made(shaper, least_of(shortest.lower, "positive shapers within the tolerance over every band"))
+    bands = [band for _, band in reaches]
+    among, small = "positive shapers within the tolerance over every band", min(band.tolerance for band in bands) < SMALLEST
+    if request.simultaneous or len(request.modes) == 1:
+        shortest = within(bands)
+        return Made(shortest.shaper, least_of(shortest.lower, among), notes=(LARGER_TOLERANCE,) if small else ())
+    each = [within([band for i, band in reaches if i == k]) for k in range(len(request.modes))]
+    lower = max((one.lower for one in each if one.lower is not None), default=None)
+    notes = [LARGER_TOLERANCE] if small else []
+    try:
+        lower = max(lower or 0.0, specified(bands).lower or 0.0) or None
+    except SolverError:
+        notes.append(ONE_MODE)
+    return Made(reduce(convolve, (one.shaper for one in each)), least_of(lower, among), notes=tuple(notes))
 
 
 def _unity(request: Request, number: int) -> Made:
@@ -315,6 +326,14 @@ _PERIOD = (
     "asks for what mzv is not: it is told by 3/4 of one mode's period, and several modes have several; without it one for each mode is "
     "convolved, and zv with it is the shortest positive shaper of the same zeros"
 )
+_SHAPE = (
+    "asks for what sna-zv is not: it is three impulses A, -b, 1 + b - A, which have no numbers left for a second mode; without it one for "
+    "each mode is convolved, and sums-zv with --sums -b:1+b is one solution for all modes, with partial sums within these bounds"
+)
+_UNITY = (
+    "asks for what is not made: impulses 1, -1, 1 … amplify where another mode has its humps, and no solution with all humps at the "
+    "tolerance is known here; without it one for each mode is convolved, um-zv-d:N and ei with it are one solution for all modes"
+)
 _EITHER = frozenset({"simultaneous", "pulse"})
 _PULSE = frozenset({"pulse"})
 KINDS = (
@@ -328,9 +347,9 @@ KINDS = (
     Kind("si", "si", "the shortest within the tolerance over the band", _insensitive, _EITHER),
     Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity, _EITHER, zeros=_all),
     Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _PULSE,
-         zeros=_between_unity_humps),
+         zeros=_between_unity_humps, apart=_UNITY),
     Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _PULSE | {"negative"}, frozenset({"negative"}),
-         _once),
+         _once, _SHAPE),
     Kind("sums-zv, sums-zvd, sums-zv-d:N", r"sums-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest with partial sums within bounds", _sums,
          _EITHER | {"sums"}, frozenset({"sums"}), _all),
     Kind("pulses-zv, pulses-zvd, pulses-zv-d:N", r"pulses-zv(?:(?P<d>d*)|-d:(\d+))", "pulses of one height and variable duration", _on_off,

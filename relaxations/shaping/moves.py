@@ -89,16 +89,29 @@ def with_zeros(move: Move, modes: Sequence[Mode], derivatives: int) -> Bound:
     return _solved(move, modes, derivatives, None)
 
 
-def within_band(move: Move, band: Band) -> Bound:
-    """The fastest move after which the mode swings by at most the tolerance, a fraction of the move, over the whole band; with its proof.
+def within_bands(move: Move, bands: Sequence[Band]) -> Bound:
+    """The fastest move after which the machine swings by at most the tolerance, a fraction of the move, over the box of all bands; proven.
 
-    Raises `ShaperError` for a band without the mode itself.
+    One band a mode, all of one tolerance: that is about the output, to which every mode adds. Raises `ShaperError` for others, and for a
+    band without the mode itself.
     """
-    low, high = exact(repr(band.low)), exact(repr(band.high))
-    if not low <= 1 <= high:
-        raise ShaperError(f"the band {band.low:g} to {band.high:g} leaves out the mode itself, which the move is designed about")
-    box = Box((Axis("mode[1].frequency", Fraction(1), low, high),), _family(band.mode, move.order), exact(repr(band.tolerance)))
-    return _solved(move, [band.mode], 0, box)
+    wrong = [
+        f"the band {band.low:g} to {band.high:g} leaves out the mode itself, which the move is designed about"
+        for band in bands
+        if not band.low <= 1.0 <= band.high
+    ]
+    if len({band.mode for band in bands}) < len(bands):
+        wrong.append("a move is designed over one band for each mode, in one box; a wider band covers two of one mode")
+    if len(tolerances := sorted({band.tolerance for band in bands})) > 1:
+        wrong.append(f"a move has one tolerance, that of its output, not {' and '.join(f'{one:g}' for one in tolerances)}")
+    if wrong:
+        raise ShaperError("; ".join(wrong))
+    axes = [
+        Axis(f"mode[{number}].frequency", Fraction(1), exact(repr(band.low)), exact(repr(band.high)))
+        for number, band in enumerate(bands, 1)
+    ]
+    box = Box(tuple(axes), _family([band.mode for band in bands], move.order), exact(repr(bands[0].tolerance)))
+    return _solved(move, [band.mode for band in bands], 0, box)
 
 
 def _solved(move: Move, modes: Sequence[Mode], derivatives: int, box: Box | None) -> Bound:
@@ -108,12 +121,26 @@ def _solved(move: Move, modes: Sequence[Mode], derivatives: int, box: Box | None
         raise ShaperError(f"move and shaper together: {refused}") from None
 
 
-def _family(mode: Mode, order: int) -> Family:
-    """The frequency times a parameter f: `f²ω² / s^r (s² + 2ζωf s + f²ω²)`."""
-    omega, zeta = exact(repr(mode.frequency)), exact(repr(mode.damping))
-    stiffness: Polynomial = ((omega**2, (2,)),)
-    drag: Polynomial = ((2 * zeta * omega, (1,)),) if zeta else ()
-    return Family((stiffness,), (((Fraction(1), (0,)),), drag, stiffness, *[()] * order))
+def _family(modes: Sequence[Mode], order: int) -> Family:
+    """The frequencies times parameters f: `∏ f²ω² / (s^r ∏ (s² + 2ζωf s + f²ω²))`."""
+    none = (0,) * len(modes)
+    gain: Polynomial = ((Fraction(1), none),)
+    denominator: list[Polynomial] = [gain]
+    for number, mode in enumerate(modes):
+        omega, zeta = exact(repr(mode.frequency)), exact(repr(mode.damping))
+        once, twice = (tuple(power if k == number else 0 for k in range(len(modes))) for power in (1, 2))
+        stiffness: Polynomial = ((omega**2, twice),)
+        drag: Polynomial = ((2 * zeta * omega, once),) if zeta else ()
+        longer: list[Polynomial] = [()] * (len(denominator) + 2)
+        for place, terms in enumerate(denominator):
+            for step, factor in enumerate((((Fraction(1), none),), drag, stiffness)):
+                longer[place + step] = (*longer[place + step], *_times(terms, factor))
+        denominator, gain = longer, _times(gain, stiffness)
+    return Family((gain,), (*denominator, *[()] * order))
+
+
+def _times(left: Polynomial, right: Polynomial) -> Polynomial:
+    return tuple((a * b, tuple(m + n for m, n in zip(p, q, strict=True))) for a, p in left for b, q in right)
 
 
 def left_over(move: Move, command: Command, bands: Sequence[Band], damping: tuple[float, float] | None) -> tuple[float, float]:

@@ -41,8 +41,11 @@ class Stream:
         self._memory = np.full(self.taps[-1][0], float(rest))
 
     def __call__(self, block: ArrayLike) -> Reals:
-        """The shaped samples (n,) of the next samples (n,) of the reference."""
-        fresh = np.asarray(block, dtype=float)
+        """The shaped samples (n,) of the next samples (n,) of the reference; n may be 0.
+
+        Raises `ShaperError` for what is no row of finite numbers; the filter is then as it was before.
+        """
+        fresh = _samples(block)
         known = np.concatenate([self._memory, fresh])
         past, count = len(self._memory), len(fresh)
         shaped, part = np.zeros(count), np.empty(count)
@@ -55,7 +58,10 @@ class Stream:
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """Which shaper acts when: `shapers` of as many impulses at ascending `instants` [s], in between both mixed, at either end held."""
+    """Which shaper acts when: `shapers` at ascending `instants` [s], in between both mixed impulse by impulse, at either end held.
+
+    Where kinds change, the shaper of fewer impulses has further ones of amplitude 0 at its end: they grow from there.
+    """
 
     instants: tuple[float, ...]
     shapers: tuple[Shaper, ...]
@@ -68,9 +74,6 @@ class Schedule:
             wrong.append(f"instants of a schedule ascend; these are {list(self.instants)}")
         if any(shaper.pulses for shaper in self.shapers):
             wrong.append("a schedule is made of impulses, not of pulses")
-        counts = sorted({len(shaper.times) for shaper in self.shapers})
-        if len(counts) > 1:
-            wrong.append(f"shapers that turn into each other have as many impulses; these have {' and '.join(map(str, counts))}")
         if wrong:
             raise ShaperError("; ".join(wrong))
 
@@ -82,9 +85,11 @@ class Schedule:
     def at(self, instants: ArrayLike) -> tuple[Reals, Reals]:
         """Times and amplitudes of the impulses (impulses, n) at `instants` (n,) [s]."""
         where = np.asarray(instants, dtype=float)
+        most = max(len(shaper.times) for shaper in self.shapers)
+        lasting = [(*s.times, *[s.times[-1]] * (most - len(s.times))) for s in self.shapers]
+        growing = [(*s.amplitudes, *[0.0] * (most - len(s.times))) for s in self.shapers]
         times, amplitudes = (
-            np.array([np.interp(where, self.instants, column) for column in zip(*numbers, strict=True)])
-            for numbers in ([s.times for s in self.shapers], [s.amplitudes for s in self.shapers])
+            np.array([np.interp(where, self.instants, column) for column in zip(*numbers, strict=True)]) for numbers in (lasting, growing)
         )
         return times, amplitudes
 
@@ -98,8 +103,8 @@ class VaryingStream:
         self._memory = np.full(math.ceil(max(s.duration for s in schedule.shapers) / sample_time) + 1, float(rest))
 
     def __call__(self, block: ArrayLike) -> Reals:
-        """The shaped samples (n,) of the next samples (n,) of the reference."""
-        fresh = np.asarray(block, dtype=float)
+        """The shaped samples (n,) of the next samples (n,) of the reference; n may be 0. Raises `ShaperError` as `Stream` does."""
+        fresh = _samples(block)
         known, past = np.concatenate([self._memory, fresh]), len(self._memory)
         here = np.arange(len(fresh))
         times, amplitudes = self._schedule.at((self._count + here) * self._step)
@@ -112,6 +117,21 @@ class VaryingStream:
         self._count += len(fresh)
         self._memory = known[len(fresh) :]
         return shaped
+
+
+def _samples(block: ArrayLike) -> Reals:
+    try:
+        fresh = np.asarray(block, dtype=float)
+    except (TypeError, ValueError) as problem:
+        raise ShaperError(f"a block of samples is a row of numbers: {problem}") from None
+    if fresh.ndim != 1:
+        raise ShaperError(f"a block of samples is a row of numbers, of shape (n,), not {fresh.shape}; one sample is a block of one")
+    if not np.isfinite(fresh).all():
+        place = int(np.flatnonzero(~np.isfinite(fresh))[0])
+        raise ShaperError(
+            f"sample {place} of this block is {float(fresh[place])!r}: it would stay in the output as long as the shaper lasts"
+        )
+    return fresh
 
 
 def _taps(shaper: Shaper, sample_time: float) -> Iterator[tuple[int, float]]:
