@@ -75,12 +75,16 @@ def read_twin(text: str, parameters: Mapping[str, Value] | None = None) -> TwinM
     return _matrices(text, parameters, lambda name, value: value)
 
 
-def twin_family(text: str, output: str, varied: Sequence[str], parameters: Mapping[str, Value] | None = None) -> Family:
-    """The twin over a box of the parameters `varied`, the others as in `read_twin`. Raises `DescriptionError` as `linear_plant` does."""
+def twin_family(
+    text: str, output: str, varied: Sequence[str], parameters: Mapping[str, Value] | None = None, others: Sequence[str] = ()
+) -> Family:
+    """The twin over a box of the parameters `varied`, the others as in `read_twin`; of `others` among its outputs too, those with
+    feed-through excepted. Raises `DescriptionError` as `linear_plant` does."""
     box = Parameters(tuple(varied))
     twin: Any = _matrices(text, parameters, lambda name, value: box.parameter(name) if name in varied else box.constant(value))
     row, through = _output(twin, output)
-    return box.family(twin.A, twin.B, row, through)
+    further = {name: twin.outputs[name] for name in others if name in twin.outputs and name != output}
+    return box.family(twin.A, twin.B, row, through, {name: c for name, (c, d) in further.items() if d.numerator == 0}, output)
 
 
 def _matrices(text: str, parameters: Mapping[str, Value] | None, number: Callable[[str, Fraction], Any]) -> TwinMatrices:

@@ -109,6 +109,7 @@ class GridMinimum:
 
 TOUCHING = 1e-6  # price times the size of the tail's terms, of a target's 1: smaller ones are what an interior-point method leaves anywhere
 CAPPED = 1e-6  # of the terms of the costate's equation at a coefficient: if more is left of them, its cap holds it
+COURSE = 1e-6  # of a limit of an output in a box: what is beyond it by less is left to the hair that the proof keeps inside
 CUTS = 6  # rounds of cutting planes for the tail's limits
 FLAT = 1e-3  # d log α/d log T below which α says nothing about the time
 NEAR, EARLY = 0.05, 2  # of log α: Newton's method on the switches is tried from there on, so often
@@ -222,7 +223,8 @@ def exceeded(problem: Problem, solution: programs.GridSolution, factor: float = 
         found = problem.tail.exceeded(solution.tail_coefficients, solution.pull)
     if not problem.courses:
         return found
-    return replace(found, moving=exceeded_places(problem.courses, grid, levels, 1.0 - solution.program.inside / 2.0, problem.sloped))
+    share = 1.0 - solution.program.inside / 2.0 if solution.program.inside or problem.residuals is None else 1.0 + COURSE
+    return replace(found, moving=exceeded_places(problem.courses, grid, levels, share, problem.sloped))
 
 
 def cut(problem: Problem, grid: Reals, inside: float) -> programs.GridSolution:

@@ -63,7 +63,7 @@ def task(problem: Problem) -> dict[str, Any]:
     return {
         "plants": plants,
         "schedule": varying and _schedule(varying, [course.name for course in problem.courses]),
-        "box": maneuver.box and _box(maneuver.box),
+        "box": maneuver.box and _box(maneuver.box, list(maneuver.limits.deflection)),
         "displacement": text(maneuver.displacement),
         "initial_state": None if maneuver.initial is None else [text(x) for x in maneuver.initial],
         "rest": "output" if maneuver.tail else "state",
@@ -91,13 +91,15 @@ def _schedule(plant: VaryingPlant, limited: Sequence[str]) -> dict[str, Any]:
     return {"instants": [text(t) for t in plant.instants], "A": A, **rows, "D": [text(d) for d in plant.D], "outputs": outputs}
 
 
-def _box(box: Box) -> dict[str, Any]:
+def _box(box: Box, names: Sequence[str]) -> dict[str, Any]:
     def written(which: Sequence[Polynomial]) -> list[Any]:
         return [[[text(coefficient), list(powers)] for coefficient, powers in terms] for terms in which]
 
     def listed(place: Place) -> dict[str, Any]:
         upper, lower = ([text(c) for c in which] for which in box.family.written(place))
-        return {"place": [text(x) for x in place], "numerator": upper, "denominator": lower}
+        plant = box.family.member(place)
+        outputs = {name: [text(fraction(c)) for c in reversed(plant.numerators[name].coeffs())] or ["0"] for name in names}
+        return {"place": [text(x) for x in place], "numerator": upper, "denominator": lower, "outputs": outputs}
 
     family, parameters = box.family, []
     for axis in box.axes:
@@ -110,6 +112,7 @@ def _box(box: Box) -> dict[str, Any]:
         "parameters": parameters,
         "numerator": written(coefficients.numerator) if coefficients else [],
         "denominator": written(coefficients.denominator) if coefficients else [],
+        "outputs": {name: written(coefficients.above(name)) for name in names} if coefficients else {},
         "plants": [listed(place) for place in family.places] if isinstance(family, Listed) else [],
         "tolerance": text(box.tolerance),
         "final_tolerance": box.final_tolerance if box.final_tolerance is None else text(box.final_tolerance),
@@ -149,7 +152,11 @@ def costate_witness(
             chains.append({"near": [text(pole.value.real), text(pole.value.imag)], "coefficients": coefficients})
         plants.append(chains)
     written = [{"time": text(time), "upper": text(above), "lower": text(below)} for time, above, below in multipliers]
-    presses = [{"output": p.course.name, "begin": text(p.begin), "end": text(p.end), "weight": text(p.weight)} for p in prices.pressed]
+    pressed = [
+        (p.course.place, {"output": p.course.name, "begin": text(p.begin), "end": text(p.end), "weight": text(p.weight)})
+        for p in prices.pressed
+    ]
+    presses = [one for place, one in pressed if place is None]
     rates = [{"edges": [text(x) for x in ramp.edges], "levels": [text(x) for x in ramp.levels]} for ramp in prices.ramps]
     others = {"fuel": text(prices.fuel), "deflection": presses, "ramps": rates, "steps": [text(x) for x in prices.steps]}
     after = [{"output": name, "time": text(at), "upper": text(up), "lower": text(down)} for name, at, up, down in prices.after]
@@ -158,19 +165,28 @@ def costate_witness(
     if residuals is None:
         return {"costate": plants, "tail": written, "samples": [], **others}
     looks = np.array([float(time) for time, _, _ in multipliers])
-    samples = []
+    found: dict[Place, dict[str, Any]] = {}
+
+    def at_place(place: Place) -> dict[str, Any]:
+        return found.setdefault(place, {"place": [text(x) for x in place], "residual": [], "deflection": [], "after": []})
+
     for k, (sample, since) in enumerate(zip(residuals.samples, residuals.split(looks), strict=True)):
         own = [pair for pair, owner in zip(written, residuals.owner(looks), strict=True) if owner == k]
         contacts = [{**pair, "time": text(float(time))} for pair, time in zip(own, since, strict=True)]
-        if contacts:
-            samples.append({"place": [text(x) for x in sample.place], "residual": contacts})
-    return {"costate": plants or [[]], "tail": [], "samples": samples, **others}
+        if contacts and sample.name is None:
+            at_place(sample.place)["residual"] = contacts
+        elif contacts:
+            at_place(sample.place)["after"] += [{"output": sample.name, **contact} for contact in contacts]
+    for place, one in pressed:
+        if place is not None:
+            at_place(place)["deflection"].append(one)
+    return {"costate": plants or [[]], "tail": [], "samples": list(found.values()), **others}
 
 
 def place_witness(problem: Problem, place: Place) -> dict[str, Any]:
     """The witness that no command suits a box: the plant at this place."""
     nothing = costate_witness(replace(problem, sets=(), residuals=None), [])
-    return {**nothing, "costate": [[]], "samples": [{"place": [text(x) for x in place], "residual": []}]}
+    return {**nothing, "costate": [[]], "samples": [{"place": [text(x) for x in place], "residual": [], "deflection": [], "after": []}]}
 
 
 def tail_chains(problem: Problem, coefficients: Numbers) -> list[dict[str, Any]]:

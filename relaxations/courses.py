@@ -21,7 +21,8 @@ from scipy.sparse import coo_array, csr_array
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError
 from relaxations.moments import Basis
-from relaxations.plants import LinearPlant, Pole, fraction
+from relaxations.plants import LinearPlant, fraction
+from relaxations.robust.boxes import at
 
 if TYPE_CHECKING:
     from relaxations.maneuvers import Maneuver
@@ -30,17 +31,17 @@ Reals = NDArray[np.float64]
 
 MOST_SHORT = 8  # cells of a block at least
 AGAIN = 400  # points at which a command that was found without these limits is looked at
+FEW = 4  # nodes of a box's nominal plant, one of so many
 FINE = 4  # points of each cell at which a course is looked at
-PRICED = 1e-9  # of the largest multiplier of a course: smaller ones are what an interior-point method leaves anywhere
 MISSED = 1e-9  # relative excess that calls for another instant
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)  # of a multiplier that is spread over a cell
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
     """The output `name` may deviate from its first rest value by `limit` (output units); after the move it rests at `final`, a deviation.
 
-    `weights` (n,) of the moments over all poles of the plant; these are `begin` (n,) at first, nothing at rest.
+    `weights` (n,) of the moments over all poles of the plant; these are `begin` (n,) at first, nothing at rest. `place` is that of a plant
+    in a box.
     """
 
     name: str
@@ -49,12 +50,16 @@ class Course:
     limit: float
     final: float
     begin: Reals
+    place: tuple[Fraction, ...] | None
 
     @staticmethod
-    def of(plant: LinearPlant, name: str, limit: float, final: float, begin: Reals | None = None) -> Course:
+    def of(
+        plant: LinearPlant, name: str, limit: float, final: float, begin: Reals | None = None, place: tuple[Fraction, ...] | None = None
+    ) -> Course:
         """Of a plant's output without feed-through."""
         basis = Basis(plant.poles)
-        return Course(name, basis, basis.weights(plant.partial(name)), limit, final, np.zeros(basis.size) if begin is None else begin)
+        weights, begin = basis.weights(plant.partial(name)), np.zeros(basis.size) if begin is None else begin
+        return Course(name, basis, weights, limit, final, begin, place)
 
     def free(self, times: Reals) -> Reals:
         """The output without an input, at times [s]; nothing before the move."""
@@ -127,16 +132,19 @@ def motion(courses: Sequence[Course], instants: Reals, extra: Reals, ramps: bool
     horizon, cells = float(instants[-1]), len(instants) - 1
     length = max(MOST_SHORT, round(cells**0.5 / 2))
     edges = [*range(0, cells, length), cells]
-    nodes = [(number, at / horizon) for number in range(len(courses)) for at in instants[1:]]
+    # Of a box the nominal plant, at some nodes; the others where they were beyond a limit.
+    active = [i for i, course in enumerate(courses) if course.place == courses[0].place or i in extra[:, 0]]
+    first = [i for i in active if courses[i].place == courses[0].place]
+    nodes = [(number, at / horizon) for number in first for at in (instants[1:] if courses[0].place is None else instants[FEW::FEW])]
     places = np.unique(np.concatenate([np.array(nodes), extra]), axis=0)
-    bases = list({course.basis: None for course in courses})
+    bases = list({courses[number].basis: None for number in active})
     bends, states, flow, past = (_Entries() for _ in range(4))
     begun, rows = 0, 0
     for basis in bases:
         n = basis.size
         table = np.abs(np.diff(basis.rows(horizon - instants, 1), axis=1)).sum(axis=1)
         unit = np.where(table > 0.0, table, 1.0)
-        own = [number for number, course in enumerate(courses) if course.basis == basis]
+        own = [number for number in active if courses[number].basis == basis]
         for block, (first, last) in enumerate(itertools.pairwise(edges)):
             at = np.arange(first, last + 1)
             mine = np.flatnonzero(np.isin(places[:, 0], own))
@@ -205,31 +213,43 @@ class _Entries:
 
 
 def courses_of(plants: Sequence[LinearPlant], maneuver: Maneuver, begin: Reals | None = None) -> tuple[Course, ...]:
-    """The outputs whose deflection is limited, from moments `begin` on; raises `ManeuverError` for one that may not be."""
-    found = []
-    if maneuver.limits.deflection and maneuver.box is not None:
-        raise ManeuverError("deflection limits do not go with a box yet: valid are further zeros, 0, 1, 2 …")
-    for name, limit in maneuver.limits.deflection.items():
-        for plant in plants:
+    """The outputs whose deflection is limited, from moments `begin` on, of a box those of its samples, one sample after the other; raises
+    `ManeuverError` for one that may not be."""
+    found, box = [], maneuver.box
+    everywhere: list[tuple[tuple[Fraction, ...] | None, LinearPlant]] = [(None, plant) for plant in plants]
+    if box is not None and maneuver.limits.deflection:
+        everywhere = [(place, box.family.member(place)) for place in box.looked]
+    for place, plant in everywhere:
+        where = "" if box is None or place in (None, box.nominal) else f" in the plant {at(place)}"
+        for name, limit in maneuver.limits.deflection.items():
             if name not in plant.numerators:
-                raise ManeuverError(f"a deflection limit names {name!r}; the plant has {', '.join(sorted(plant.numerators))}")
+                others = ", ".join(sorted(plant.numerators))
+                if box is not None and name in plants[0].numerators:
+                    raise ManeuverError(f"where the zeros of {name!r} go in the box is not known: a deflection limit may name {others}")
+                raise ManeuverError(f"a deflection limit names {name!r}; the plant has {others}")
             if not limit > 0:
                 raise ManeuverError(f"the deflection of {name!r} may be more than 0, not {float(limit)!r}")
             numerator = plant.numerators[name]
-            if not numerator:
+            if not numerator and box is None:
                 continue  # the input does not reach it
             if numerator.degree() == plant.order:
                 raise ManeuverError(f"the output {name!r} has feed-through: it jumps with the input, whose limits are its own")
-            final = fraction(numerator(fmpq(0)) / plant.numerators[plant.output](fmpq(0))) * maneuver.displacement
+            final = fraction(numerator(fmpq(0)) / plant.denominator[plant.rigid_order]) * moved(plants[0], maneuver.displacement)
             if abs(final) > limit:
-                raise ManeuverError(f"at its final rest {name!r} deviates by {float(final):.10g}: no command stays within {float(limit)!r}")
+                why = f"no command stays within {float(limit)!r}"
+                raise ManeuverError(f"at its final rest{where} {name!r} deviates by {float(final):.10g}: {why}")
             first = sum((fraction(c) * x for c, x in zip(numerator.coeffs(), maneuver.initial or (), strict=False)), Fraction(0))
             if abs(first) > limit:
                 raise ManeuverError(
                     f"at first {name!r} deviates by {float(first):.10g}: that is beyond its limit, {float(limit)!r}, already"
                 )
-            found.append(Course.of(plant, name, float(limit), float(final), begin))
+            found.append(Course.of(plant, name, float(limit), float(final), begin, place))
     return tuple(found)
+
+
+def moved(plant: LinearPlant, displacement: Fraction) -> Fraction:
+    """What brings a plant to its target: the one moment at the origin that moves a body for good, or else the input that holds."""
+    return displacement * fraction(plant.denominator[plant.rigid_order] / plant.numerators[plant.output](fmpq(0)))
 
 
 def exceeded_places(courses: Sequence[Course], instants: Reals, levels: Reals, share: float, ramps: bool = False) -> Reals:
@@ -240,137 +260,3 @@ def exceeded_places(courses: Sequence[Course], instants: Reals, levels: Reals, s
         for fraction in course.exceeded(instants, levels, share * course.limit, ramps)
     ]
     return np.array(found).reshape(-1, 2)
-
-
-@dataclass(frozen=True, slots=True)
-class Press:
-    """The multiplier `weight` of a limit on the output of a course, spread evenly over the times to go from `begin` to `end` [s]."""
-
-    course: Course
-    begin: float
-    end: float
-    weight: float
-
-    def freely(self, horizons: Reals) -> Reals:
-        """What it is worth that the course does not begin at rest, for moves of these durations [s]."""
-        to_go = self.begin + (self.end - self.begin) * (1.0 + NODES) / 2
-        return self.weight * (self.course.free(horizons[:, None] - to_go) @ WEIGHTS) / 2
-
-    def over(self, edges: Reals) -> Reals:
-        """What it takes off the integrals of the costate's function over cells between `edges` of times to go."""
-        if self.end == self.begin:
-            reached = self.course.basis.rows(np.maximum(edges - self.begin, 0.0), 1)
-        else:
-            reached = self.course.basis.rows(np.maximum(edges - self.begin, 0.0), 2)
-            reached = (reached - self.course.basis.rows(np.maximum(edges - self.end, 0.0), 2)) / (self.end - self.begin)
-        return self.weight * np.diff(self.course.weights @ reached)
-
-
-def presses(courses: Sequence[Course], places: Reals, multipliers: Reals, instants: Reals, spread: bool) -> tuple[Press, ...]:
-    """Multipliers (k,) of limits set to 1 at `places` (course, fraction of the move) (k, 2), `spread` over a cell, half to either side.
-
-    Where they are dense, half the distance to the next one: a limit that holds for a while is priced without gaps. An input that is
-    constant over samples needs no spreading: only the costate's integrals over these count.
-    """
-    found, horizon = [], float(instants[-1])
-    for number, course in enumerate(courses):
-        own = (places[:, 0] == number) & (np.abs(multipliers) > PRICED * np.abs(multipliers).max(initial=0.0))
-        order = np.argsort(-places[own, 1])
-        to_go, weights = horizon * (1.0 - places[own, 1][order]), multipliers[own][order]
-        weights = weights / course.limit
-        cell = np.interp(horizon - to_go, (instants[1:] + instants[:-1]) / 2, np.diff(instants))
-        gaps = np.diff(to_go)
-        after = np.minimum(np.append(gaps, np.inf), cell) / 2
-        before = np.minimum(np.append(np.inf, gaps), cell) / 2
-        if not spread:
-            before, after = 0.0 * before, 0.0 * after
-        found += [
-            Press(course, max(float(s - a), 0.0), float(s + b), float(weight))
-            for s, a, b, weight in zip(to_go, before, after, weights, strict=True)
-        ]
-    return tuple(found)
-
-
-class _Sum:
-    """`Re Σ_p Σ_k c_pk s^k/k! e^{ps}` over all poles of several bases and 0, in floating point, to be followed along s."""
-
-    def __init__(self, bases: Sequence[Basis]) -> None:
-        orders: dict[complex, int] = {0j: 1}
-        for basis in bases:
-            for pole in basis.poles:
-                orders[pole.value] = max(orders.get(pole.value, 0), pole.multiplicity + (pole.value == 0))
-        self.basis = Basis(tuple(Pole(value, order) for value, order in orders.items()))
-        self.begins = dict(zip(orders, np.cumsum([0, *list(orders.values())[:-1]]), strict=True))
-        self.values = np.repeat(list(orders), list(orders.values()))
-        self.powers = np.concatenate([np.arange(order) for order in orders.values()])
-        self.coefficients = np.zeros(len(self.values), dtype=complex)
-        self.orders = orders
-
-    def chains(self, basis: Basis, numbers: Reals) -> NDArray[np.complex128]:
-        """The coefficients of a functional of b."""
-        found, at = np.zeros_like(self.coefficients), 0
-        for pole in basis.poles:
-            for k in range(pole.multiplicity):
-                width = 2 if pole.is_flexible else 1
-                found[self.begins[pole.value] + k] += numbers[at] - (1j * numbers[at + 1] if width == 2 else 0.0)
-                at += width
-        return found
-
-    def integrated(self, chains: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """The coefficients of its integral from 0: `S_k = (b_k - S_{k-1}) / p`, at the origin b_{k+1}."""
-        found = np.zeros_like(chains)
-        for pole, order in self.orders.items():
-            at = self.begins[pole]
-            if pole == 0:
-                found[at + 1 : at + order] += chains[at : at + order - 1]
-                continue
-            carried = 0j
-            for k in range(order - 1, -1, -1):  # Σ c_k S_k = Σ a_k b_k + a_const: a_k = (c_k - a_{k+1}) / p
-                carried = (chains[at + k] - carried) / pole
-                found[at + k] += carried
-            found[self.begins[0j]] -= carried.real
-        return found
-
-    def advance(self, distance: float) -> None:
-        """Move the origin of s."""
-        moved = np.zeros_like(self.coefficients)
-        for pole, order in self.orders.items():
-            at, factor = self.begins[pole], np.exp(pole * distance)
-            for shift in range(order):
-                moved[at : at + order - shift] += factor * self.coefficients[at + shift : at + order]
-                factor = factor * distance / (shift + 1)
-        self.coefficients = moved
-
-    def __call__(self, s: Reals) -> Reals:
-        """Values at s."""
-        flat: list[float] = []
-        for c, value in zip(self.coefficients, self.values, strict=True):
-            flat += [c.real, -c.imag] if value.imag else [c.real]
-        return np.asarray(flat) @ self.basis.rows(s)
-
-
-def sampled(bases: Sequence[Basis], costates: Sequence[Reals], pressed: Sequence[Press], points: Reals) -> Reals:
-    """p(s) at ascending `points` from 0 on: the costates' functions less what the multipliers take off."""
-    total = _Sum([*bases, *(press.course.basis for press in pressed)])
-    for basis, costate in zip(bases, costates, strict=True):
-        total.coefficients += total.chains(basis, costate)
-    kicks: list[tuple[float, NDArray[np.complex128]]] = []
-    kernels: dict[str, NDArray[np.complex128]] = {}
-    for press in pressed:
-        if press.course.name not in kernels:
-            kernels[press.course.name] = total.integrated(total.chains(press.course.basis, press.course.weights))
-        rate = press.weight / (press.end - press.begin) * kernels[press.course.name]
-        kicks += [(press.begin, -rate), (press.end, rate)]
-    kicks.sort(key=lambda kick: kick[0])
-    values, at, origin = np.zeros(len(points)), 0, 0.0
-    for begin, kick in [*kicks, (np.inf, np.zeros(0))]:
-        until = int(np.searchsorted(points, begin))
-        if until > at:
-            values[at:until] = total(points[at:until] - origin)
-            at = until
-        if not begin <= points[-1]:
-            break
-        total.advance(begin - origin)
-        origin = begin
-        total.coefficients += kick
-    return values

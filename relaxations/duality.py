@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.courses import sampled as sampled_costate
 from relaxations.maneuvers import Problem
+from relaxations.presses import sampled as sampled_costate
 from relaxations.prices import NONE, Prices
 from relaxations.ramps import bound as ramped
 from relaxations.ramps import slid as slid_ramps

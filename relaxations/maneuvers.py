@@ -252,13 +252,13 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
             "which would use fuel for ever"
         )
     sets, residuals = tuple(target_set(plant, maneuver) for plant in plants), None
+    courses, rate = courses_of(plants, maneuver, begin), rate_of(maneuver)
     if maneuver.box is not None:
-        sets, residuals = _boxed(plants, maneuver, maneuver.box, float(holds.copy().pop()))
+        sets, residuals = _boxed(plants, maneuver, maneuver.box, float(hold), courses)
     stable = tuple(zero for zero in plants[0].zeros if zero.value.real < 0) if maneuver.tail else ()
     zeros, limited = caps(plants[0], stable, _sensitivities(plants[0], maneuver), maneuver.displacement)
     final = maneuver.rest + hold
     length = None if maneuver.tail_length is None else TailLength(*map(float, maneuver.tail_length))
-    courses, rate = courses_of(plants, maneuver, begin), rate_of(maneuver)
     columns, aspects = tail_columns(tuple(own.basis for own in sets), zeros), _aspects(plants[0], zeros, courses, rate)
     tail = TailSpace(zeros, columns, float(high - final), float(final - low), length, limited, aspects)
     return Problem(
@@ -347,7 +347,9 @@ def _aspects(plant: LinearPlant, zeros: Sequence[Pole], courses: Sequence[Course
     return (*slope, *outputs)
 
 
-def _boxed(plants: Sequence[LinearPlant], maneuver: Maneuver, box: Box, hold: float) -> tuple[tuple[TargetSet, ...], Residuals]:
+def _boxed(
+    plants: Sequence[LinearPlant], maneuver: Maneuver, box: Box, hold: float, courses: Sequence[Course]
+) -> tuple[tuple[TargetSet, ...], Residuals]:
     """The target at the origin, which is that of the nominal plant and zero velocity in all, and the residuals of the samples."""
     if len(plants) != 1 or maneuver.tail or maneuver.robustness:
         raise ManeuverError("a box is about one nominal plant's state rest: no tail, no further zeros")
@@ -356,14 +358,14 @@ def _boxed(plants: Sequence[LinearPlant], maneuver: Maneuver, box: Box, hold: fl
     basis, target = Basis(tuple(pole for pole in plant.poles if pole.is_rigid)), np.zeros(rigid)
     if rigid:
         target[-1] = float(maneuver.displacement) / plant.partial().residues[0][-1].real
-    samples = []
-    for place in box.samples or dict.fromkeys((box.nominal, *box.places(2))):
+    samples, allowed = [], float(box.tolerance * abs(maneuver.displacement))
+    for place in box.looked:
         one = box.family.member(place)
         if one.rigid_order != rigid:
             counts = f"{rigid} in the nominal one, {one.rigid_order} {at(place)}"
             raise ManeuverError(f"the plants of a box have the same number of poles at the origin, not {counts}")
-        samples.append(Sample.of(place, one, hold))
-    allowed = float(box.tolerance * abs(maneuver.displacement))
+        samples.append(Sample.of(place, one, hold, (allowed, allowed)))
+        samples += [Sample.of(place, one, hold, (c.limit + c.final, c.limit - c.final), c.name) for c in courses if c.place == place]
     return (TargetSet(basis, target),) if rigid else (), Residuals(tuple(samples), allowed)
 
 

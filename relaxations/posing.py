@@ -124,7 +124,7 @@ _NO_LIMITS = np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0
 
 
 def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | None, inside: float) -> GridProgram:
-    """The limits `|R M - α e| ≤ α allowed` through the few directions that the moments have: `W u = z`, orthonormal, z free like a tail.
+    """The limits `-α below ≤ R M - α e ≤ α above`, for the few directions that the moments have: `W u = z`, orthonormal, z free as a tail.
 
     The motions of neighbouring plants hardly differ in the time that a move lasts, so their rows are dependent but for rounding.
     """
@@ -133,7 +133,7 @@ def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | N
     left, size, right = np.linalg.svd(residuals.table(program.instants, program.problem.sloped), full_matrices=False)
     kept = size > LOST * size.max(initial=0.0)
     shapes, directions = rows @ (left[:, kept] * size[kept]), right[kept]
-    allowed, free = residuals.allowed * (1.0 - inside), len(directions)
+    (below, above), free = residuals.rooms(at), len(directions)
     return replace(
         program,
         rows=np.vstack([program.rows, directions]),
@@ -143,6 +143,6 @@ def _with_residuals(program: GridProgram, residuals: Residuals, looks: Looks | N
         aspect=np.zeros(len(at), dtype=np.intp),
         unit=np.ones(len(at)),
         shapes=shapes,
-        above=allowed + offset,
-        below=allowed - offset,
+        above=above * (1.0 - inside) + offset,
+        below=below * (1.0 - inside) - offset,
     )

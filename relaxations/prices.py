@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.courses import Press
+from relaxations.presses import Press
 from relaxations.ramps import Ramp
 
 Reals = NDArray[np.float64]

@@ -24,10 +24,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.courses import Motion, presses
+from relaxations.courses import Motion
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.posing import GridProgram
+from relaxations.presses import presses
 from relaxations.prices import NONE, Prices
 from relaxations.ramps import priced
 from relaxations.tails import moduli

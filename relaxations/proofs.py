@@ -92,7 +92,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
     if problem.maneuver.limits.pulsed:
         return replace(_pulsed(problem, task, chosen, near), seconds=time.perf_counter() - begun)
     if problem.residuals is not None:
-        if not any(sample.basis.size for sample in problem.residuals.samples):
+        if not any(sample.basis.size for sample in problem.residuals.samples) and not problem.courses:
             problem = replace(problem, residuals=None)  # bodies alone: they are at rest together
         elif problem.maneuver.sample_time is None:
             return robust_time(problem, task, chosen, near, begun)

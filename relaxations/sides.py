@@ -6,12 +6,13 @@ A costate proposes a lower side, a program's solution, repaired, an upper one.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from relaxations import certificates, programs
 from relaxations.bounds import Bound, Settings, Status, extended, ramped
@@ -20,9 +21,13 @@ from relaxations.commands import Command, Segment, Tail
 from relaxations.duality import Costate, lower_bound, slid
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
+from relaxations.presses import smoothed
+from relaxations.prices import Prices
 from relaxations.refinement import Extremal
 from relaxations.repair import SNAP, Repaired, exact, repair
 from relaxations.sampling import MISSED
+
+Reals = NDArray[np.float64]
 
 FINER = (1, 4, 16, 64)
 """Factors of the grid's density, tried in turn while the gap is too wide."""
@@ -152,12 +157,8 @@ def accepted(task: dict[str, Any], lower: Side | None = None, upper: Side | None
 
 def lower_side(problem: Problem, task: dict[str, Any], dual: Extremal | programs.GridSolution | Costate, near: float) -> Side | None:
     """The lower side of a costate in doubles: the closest claim that is accepted."""
-    whole, prices = extended(problem, dual.costate, dual.tail_multipliers), dual.prices
-    value = lower_bound(*whole, near, dual.price(problem), prices)
-    if prices.ramps and isinstance(dual, programs.GridSolution) and problem.begin is None:
-        moved = slid(*whole, dual.maneuver_time, prices, float(np.diff(dual.program.instants).max()))
-        better = lower_bound(*whole, near, dual.price(problem), moved)
-        value, prices = (better, moved) if better > value else (value, prices)
+    whole, price = extended(problem, dual.costate, dual.tail_multipliers), dual.price(problem)
+    value, prices = max(((lower_bound(*whole, near, price, one), one) for one in _variants(problem, dual, whole)), key=lambda pair: pair[0])
     witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, prices)
     followed = prices.pressed or prices.ramps  # p was integrated on a grid then
     margins = (*MARGINS[-4:], *COARSE) if followed else MARGINS
@@ -169,6 +170,21 @@ def lower_side(problem: Problem, task: dict[str, Any], dual: Extremal | programs
         if accepted(task, lower=side):
             return side
     return None
+
+
+def _variants(problem: Problem, dual: Extremal | programs.GridSolution | Costate, whole: tuple[Problem, Reals]) -> Iterator[Prices]:
+    """The multipliers as they are; those of a grid with its pattern taken out of them too: any are valid."""
+    yield dual.prices
+    if not isinstance(dual, programs.GridSolution) or problem.begin is not None or problem.maneuver.sample_time is not None:
+        return
+    cell = float(np.diff(dual.program.instants).max())
+    smooth = replace(dual.prices, pressed=smoothed(dual.prices.pressed)) if dual.prices.pressed else dual.prices
+    if dual.prices.pressed:
+        yield smooth
+    if dual.prices.ramps:
+        yield slid(*whole, dual.maneuver_time, dual.prices, cell)
+    if dual.prices.ramps and dual.prices.pressed:
+        yield slid(*whole, dual.maneuver_time, smooth, cell)
 
 
 def landed(problem: Problem, task: dict[str, Any], solution: programs.GridSolution, snap: float = SNAP) -> Proof | None:

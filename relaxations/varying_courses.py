@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from relaxations.courses import FINE, MOST_SHORT, Course, Motion, Press
+from relaxations.courses import FINE, MOST_SHORT, Course, Motion
 from relaxations.errors import ManeuverError
 from relaxations.limits import Limits
 from relaxations.moments import Basis
+from relaxations.presses import Press
 from relaxations.transitions import VaryingPlant
 
 Reals = NDArray[np.float64]
@@ -146,7 +147,7 @@ def varying_courses(plant: VaryingPlant, limits: Limits, state: Sequence[Fractio
         away = np.array([float(s - x) for s, x in zip(state, begin, strict=True)])
         table = np.array(rows, dtype=float)
         final = float(table[-1] @ rest)
-        found.append(VaryingCourse(name, Basis(()), np.zeros(0), float(limit), final, np.zeros(0), plant, table, rest, away))
+        found.append(VaryingCourse(name, Basis(()), np.zeros(0), float(limit), final, np.zeros(0), None, plant, table, rest, away))
     return tuple(found)
 
 

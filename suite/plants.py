@@ -86,7 +86,7 @@ def box(study: Study, nominal: LinearPlant) -> Box:
         )
         if source.by_twin:
             assert source.archive.twin is not None
-            family = twin_family(source.archive.twin, study.plant.output, names, source.parameters)
+            family = twin_family(source.archive.twin, study.plant.output, names, source.parameters, [*study.limits.deflection])
         else:
             family = _listed(study, tuple(axis.nominal for axis in axes), nominal)
         return _box(study, axes, family)

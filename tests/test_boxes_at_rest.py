@@ -155,7 +155,7 @@ def test_random_boxes_against_an_independent_program(seed: int):
         (lambda d: d["task"]["box"].update(final_tolerance=None), {Outcome.PROVED}),  # weaker
         (lambda d: d["task"]["box"]["numerator"][0][0].__setitem__(0, "1.01"), {Outcome.MALFORMED}),
         (
-            lambda d: d["task"]["box"].update(plants=[{"place": ["1"], "numerator": ["1"], "denominator": ["1", "0", "1"]}]),
+            lambda d: d["task"]["box"].update(plants=[{"place": ["1"], "numerator": ["1"], "denominator": ["1", "0", "1"], "outputs": {}}]),
             {Outcome.MALFORMED},
         ),
         (lambda d: d["task"]["box"].update(numerator=[], denominator=[]), {Outcome.MALFORMED}),
@@ -190,7 +190,7 @@ def test_no_false_impossibility_is_proven(change: Any, outcomes: set[Outcome]):
 def test_a_list_of_other_plants_is_another_claim():
     content = fastest(listed(SPRING, "1", "1.2"), axis("k", "0.2")).certificate
     assert content is not None
-    between = {"place": ["0.8"], "numerator": ["1"], "denominator": ["1", "0", "0.8"]}
+    between = {"place": ["0.8"], "numerator": ["1"], "denominator": ["1", "0", "0.8"], "outputs": {}}
     assert forged(content, lambda d: d["task"]["box"]["plants"].append(between)) in {Outcome.REFUTED, Outcome.INCONCLUSIVE}
     assert forged(content, lambda d: d["task"]["box"]["plants"].pop(0)) is Outcome.MALFORMED  # the nominal one
     assert forged(content, lambda d: d["task"]["box"]["plants"].append(d["task"]["box"]["plants"][0])) is Outcome.MALFORMED

@@ -26,7 +26,7 @@ def boxed(denominator: list[str], members: list[Terms], ranges: tuple[str, str, 
     """A robust task for a plant 1/D with one parameter: (nominal, low, high)."""
     of = task(["1"], denominator, **others)
     parameter = dict(zip(("name", "nominal", "low", "high"), ("k", *ranges), strict=True))
-    form = {"numerator": constant(["1"]), "denominator": members, "plants": []}
+    form = {"numerator": constant(["1"]), "denominator": members, "outputs": {}, "plants": []}
     return {**of, "box": {"parameters": [parameter], **form, "tolerance": tolerance, "final_tolerance": None}}
 
 
@@ -38,7 +38,7 @@ def held(level: str, time: str = "20", free: bool = False) -> tuple[None, dict[s
 def lower_witness(places: list[str]) -> tuple[dict[str, Any], None]:
     """A witness of the lower side that looks at plants at these places."""
     contact = {"time": "1", "upper": "1", "lower": "0"}
-    samples = [{"place": [place], "residual": [contact]} for place in places]
+    samples = [{"place": [place], "residual": [contact], "deflection": [], "after": []} for place in places]
     return {**costate(), "samples": samples}, None
 
 
@@ -92,8 +92,8 @@ def test_the_words_of_a_robust_task_promise_no_rest() -> None:
 def listed(nominal: dict[str, list[str]], other: dict[str, list[str]], final: str) -> dict[str, Any]:
     """A robust task about two plants."""
     of = task(nominal["numerator"], nominal["denominator"], limits=("-5", "5"))
-    plants = [{"place": ["0"], **nominal}, {"place": ["1"], **other}]
-    form = {"numerator": [], "denominator": [], "plants": plants}
+    plants = [{"place": ["0"], "outputs": {}, **nominal}, {"place": ["1"], "outputs": {}, **other}]
+    form = {"numerator": [], "denominator": [], "outputs": {}, "plants": plants}
     parameter = {"name": "k", "nominal": "0", "low": "0", "high": "1"}
     return {**of, "box": {"parameters": [parameter], **form, "tolerance": "5", "final_tolerance": final}}
 
@@ -140,7 +140,15 @@ def moving(denominator: list[str], *parameters: tuple[str, str | None, str, str]
     """A robust task whose parameters move roots: name, nominal value, ends."""
     of = task(list(numerator), denominator, limits=("-5", "5"))
     written = [dict(zip(("name", "nominal", "low", "high"), p, strict=True)) for p in parameters]
-    box = {"parameters": written, "numerator": [], "denominator": [], "plants": [], "tolerance": "1.01", "final_tolerance": None}
+    box = {
+        "parameters": written,
+        "numerator": [],
+        "denominator": [],
+        "outputs": {},
+        "plants": [],
+        "tolerance": "1.01",
+        "final_tolerance": None,
+    }
     return {**of, "box": box}
 
 

@@ -326,5 +326,5 @@ def test_limits_that_exclude_the_input_at_a_rest(limits: tuple[str, str], displa
 
 
 def test_samples_without_a_box() -> None:
-    sampled = {**costate((("0", "0"), [("1", "0")])), "samples": [{"place": ["1"], "residual": []}]}
+    sampled = {**costate((("0", "0"), [("1", "0")])), "samples": [{"place": ["1"], "residual": [], "deflection": [], "after": []}]}
     assert outcome(certificate(INTEGRATOR, lower="1/2", witnesses=(sampled, None))) is Outcome.MALFORMED

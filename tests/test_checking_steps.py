@@ -8,6 +8,9 @@ from typing import Any
 from forgery import certificate, changed, command, costate, number, opened, proven_limited, task, written
 
 from relaxations.checking.claims import Outcome, check, claim
+from relaxations.maneuvers import Limits, Maneuver, problem
+from relaxations.plants import LinearPlant
+from relaxations.proofs import minimum_time
 
 # Lies about ∫u = 1, |u| ≤ 1, samples of 1/8 s and steps of at most 1/4 (slopes of 2): 11 samples. p = 1, q = 1 at the end, falling by 1/8 a
 # sample (all that u gains there is in the steps), and the same with the other sign at the beginning of ten samples, or fewer.
@@ -77,3 +80,23 @@ def test_a_changed_limit_changes_the_claim_of_several() -> None:
     assert check(looser).outcome is not Outcome.PROVED
     tighter = changed(content, lambda data: data["task"]["limits"]["deflection"].update(output_rate="0.45"))
     assert check(tighter).outcome is not Outcome.PROVED
+
+
+def test_a_level_that_lasts_no_sample_does_not_divide_a_step() -> None:
+    """From 1 to -1 by way of 0, at the same instant: two steps of 1 on paper, one of 2 in the machine."""
+    mass = LinearPlant.from_transfer([1], [1, 0, 0])
+    free = minimum_time(problem([mass], Maneuver(Fraction(1), Limits.of(-1, 1), sample_time=Fraction(1, 2))))
+    assert free.certificate is not None
+
+    def stepped(rate: str, between: bool) -> Outcome:
+        def change(data: Any) -> None:
+            data["task"]["limits"]["rate"] = [f"-{rate}", rate]
+            data["claim"]["lower"] = data["lower"] = None
+            first, second = data["upper"]["segments"]
+            data["upper"]["segments"] = [first, *([{"start": second["start"], "level": "0"}] if between else []), second]
+
+        return check(changed(free.certificate, change)).outcome  # type: ignore[arg-type]
+
+    assert stepped("4", between=False) is Outcome.PROVED
+    assert stepped("2", between=False) is Outcome.REFUTED
+    assert stepped("2", between=True) is Outcome.REFUTED

@@ -211,7 +211,7 @@ def test_no_task_is_impossible_for_a_final_error_of_moved_roots():
     def lie(d: Any) -> None:
         d["task"]["box"]["final_tolerance"] = "0"
         d["claim"] = {"lower": None, "upper": None, "impossible": "final"}
-        d["upper"], d["lower"]["samples"] = None, [{"place": ["1.1", "0.1"], "residual": []}]
+        d["upper"], d["lower"]["samples"] = None, [{"place": ["1.1", "0.1"], "residual": [], "deflection": [], "after": []}]
 
     assert forged(certified(), lie) is Outcome.INCONCLUSIVE
 

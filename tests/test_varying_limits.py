@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
+from itertools import pairwise
 from math import sqrt
 from typing import Any
 
@@ -246,6 +247,27 @@ def test_a_command_is_about_its_own_start(content: bytes, sloping: bytes) -> Non
     for certificate in (content, sloping):
         assert check(changed(certificate, other_start)).outcome is Outcome.REFUTED
     assert "x begins at [0, 0, 0.1, 0]" in claim(check(content))
+
+
+def test_a_level_that_lasts_no_sample_does_not_divide_a_step() -> None:
+    mass = VaryingPlant.of([0, 2], [[[0, 1], [0, 0]]] * 2, [[0, 1]] * 2, [[1, 0]] * 2)
+    free = proven(varying_problem(mass, moved("0.9", Limits.of(-1, 1), sample_time=Fraction(1, 2))), gap=1.0)[2]
+
+    def change(data: Any) -> None:
+        segments = data["upper"]["segments"]
+        levels = [Fraction(0), *(number(segment["level"]) for segment in segments), Fraction(0)]
+        steps = [abs(after - before) for before, after in pairwise(levels)]
+        place = steps.index(max(steps))
+        assert 0 < place < len(segments)  # a step between two levels
+        allowed = max([steps[place] / 2, *(step for i, step in enumerate(steps) if i != place)]) * Fraction(1001, 1000)
+        assert allowed < steps[place]
+        data["task"]["limits"]["rate"] = [written(-2 * allowed), written(2 * allowed)]
+        data["claim"]["lower"] = data["lower"] = None
+        segments.insert(place, {"start": segments[place]["start"], "level": written((levels[place] + levels[place + 1]) / 2)})
+        data["upper"]["free"] = [[kind, i + (i >= place), k] for kind, i, k in data["upper"]["free"]]
+
+    found = check(changed(free, change))
+    assert (found.outcome, "lasts no sample" in found.reason) == (Outcome.REFUTED, True), found.reason
 
 
 MALFORMED: dict[str, Callable[[Any], Any]] = {

@@ -12,47 +12,42 @@ and p_j over cells of the box.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement, pairwise
 from typing import Any
 
 from flint import acb, acb_series, arb, fmpq
 
-from relaxations.checking.balls import Root, System, Wave, spend
-from relaxations.checking.families import Line, Moved, Written, family, over
-from relaxations.checking.members import Numbers, halved, lands
+from relaxations.checking import excursions
+from relaxations.checking.balls import Root, System, spend
+from relaxations.checking.courses import Chains, Kick, pressed
+from relaxations.checking.families import Moved, Written, family
+from relaxations.checking.members import Numbers, halved, laid, lands, rigid
+from relaxations.checking.motions import Around, Kicks, in_time
 from relaxations.checking.reading import Refuted, Undecided, require
-
-Way = tuple[int, ...]  # the parameters that grow along it; of the lines through a cell none
-
-
-@dataclass(frozen=True, slots=True)
-class Kicks:
-    """Times to go and sizes of the jumps of the input (`order` 1), or of its slope (2)."""
-
-    jumps: Sequence[tuple[arb, arb]]
-    order: int
-
-    @staticmethod
-    def of(system: System, command: Numbers, n: int) -> Kicks:
-        """Of a command, the last one to the final rest."""
-        instants = [*command[1 : n + 1], command[0]]
-        if system.sloped:
-            levels = [*command[n + 1 : 2 * n + 1], system.rest]
-            slopes = [arb(b - a) / arb(t - s) for (s, t), (a, b) in zip(pairwise(instants), pairwise(levels), strict=True)]
-            changes = [after - before for before, after in pairwise([arb(0), *slopes, arb(0)])]
-        else:
-            changes = [arb(after - before) for before, after in pairwise([fmpq(0), *command[n + 1 : 2 * n + 1], system.rest])]
-        return Kicks([(arb(command[0] - at), change) for at, change in zip(instants, changes, strict=True)], 1 + system.sloped)
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One plant of the box in balls: its poles beside the origin, and the weights (1 or 2) N(p)/D'(p) of their motions in the output."""
+    """One plant of the box in balls: its poles beside the origin, and the weights (1 or 2) N(p)/D'(p) of their motions in an output."""
 
+    plants: Written | Moved
+    place: Sequence[fmpq]
     roots: tuple[Root, ...]
-    weights: tuple[acb, ...]
+
+    def weights(self, output: str | None) -> list[acb]:
+        """Of a named output, or of the controlled one."""
+        found = self.plants.weights(self.place, [acb_series([root.value]) for root in self.roots], output)
+        return [(1 + root.flexible) * weight[0] for root, weight in zip(self.roots, found, strict=True)]
+
+    def answer(self, roots: Sequence[Root], output: str, integrals: int) -> Chains:
+        """The response of a named output to an impulse, or its integrals, as chains over `roots`, this plant's and one at the origin."""
+        own = {id(root): weight / root.value**integrals for root, weight in zip(self.roots, self.weights(output), strict=True)}
+        count = rigid(self.plants.task) + integrals
+        series = [c[0] for c in self.plants.at_origin(self.place, output, count)][::-1]
+        return [
+            [*series, *[acb(0)] * (root.multiplicity - count)] if root.value.is_zero() else [own.get(id(root), acb(0))] for root in roots
+        ]
 
 
 def sample(plants: Written | Moved, place: Sequence[fmpq]) -> Sample:
@@ -60,138 +55,62 @@ def sample(plants: Written | Moved, place: Sequence[fmpq]) -> Sample:
     box = plants.task.box
     inside = len(place) == len(box.parameters) and all(p.low <= x <= p.high for p, x in zip(box.parameters, place, strict=True))
     require(inside, "a sample lies in the box")
-    roots = plants.roots(place)
-    weights = plants.weights(place, [acb_series([root.value]) for root in roots])
-    return Sample(roots, tuple((1 + root.flexible) * weight[0] for root, weight in zip(roots, weights, strict=True)))
+    return Sample(plants, place, plants.roots(place))
 
 
-def relaxed(system: System, samples: Any) -> tuple[tuple[Root, ...], list[arb], arb]:
-    """What the samples' multipliers add to the costate (roots and flat coefficients), and to the left side of (2).
+@dataclass(frozen=True, slots=True)
+class Relaxed:
+    """What the samples' multipliers add to the costate (roots and flat coefficients), and to the left side of (2); those of outputs in the
+    course of the move come with their plants."""
 
-    With ν = μ⁻ - μ⁺ the costate gains `Re Σ ν w e^{pτ} e^{ps}`, and the left side `ν Re Σ w e^{pτ} u_ss/(-p) - (μ⁺ + μ⁻) V |Δ|`.
+    roots: tuple[Root, ...]
+    numbers: list[arb]
+    gain: arb
+    pressed: tuple[tuple[Sample, Sequence[Any]], ...]
+
+    def kicks(self, system: System, roots: tuple[Root, ...], horizon: Any) -> list[Kick]:
+        """What multipliers of outputs take off the costate's function up to the horizon."""
+        found: list[Kick] = []
+        for plant, presses in self.pressed:
+            found += pressed(system, roots, presses, horizon, lambda name, integrals, plant=plant: plant.answer(roots, name, integrals))
+        return found
+
+
+def relaxed(system: System, samples: Any) -> Relaxed:
+    """With ν = μ⁻ - μ⁺ the costate gains `Re Σ ν w e^{pτ} e^{ps}`, and the left side `ν Re Σ w e^{pτ} u_ss/(-p) - μ⁺ above - μ⁻ below`.
+
+    Both rooms are V |Δ| of the residual, d ∓ y_r(∞) of an output; for one in the course of the move the left side loses d |ν|.
     """
     if not samples:
-        return (), [], arb(0)
+        return Relaxed((), [], arb(0), ())
     roots: list[Root] = []
     numbers: list[arb] = []
-    plants, gain, allowed = family(system.task), arb(0), system.task.box.tolerance * abs(system.task.displacement)
+    followed: list[tuple[Sample, Sequence[Any]]] = []
+    plants, gain, limits = family(system.task), arb(0), system.task.limits.deflection
+    allowed = arb(system.task.box.tolerance * abs(system.task.displacement))
     for written in samples:
         plant = sample(plants, written.place)
-        factors = [acb(0)] * len(plant.roots)
-        for contact in written.residual:
-            force = contact.lower - contact.upper
-            gain -= arb((contact.upper + contact.lower) * allowed)
-            for j, root in enumerate(plant.roots):
-                spend(5)
-                factors[j] += (root.value * arb(contact.time)).exp() * arb(force)
-        for root, weight, factor in zip(plant.roots, plant.weights, factors, strict=True):
-            roots.append(root)
-            numbers += [(weight * factor).real, (weight * factor).imag][: 1 + root.flexible]
-            gain += (weight * factor * arb(system.rest) / -root.value).real
-    return tuple(roots), numbers, gain
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """Poles p_j and motions Z_j along a line of places, as series."""
-
-    poles: list[acb_series]
-    sizes: list[acb_series]
-
-    def course(self, span: arb) -> acb_series:
-        """`Σ Z_j e^{p_j τ}` for the instants of a ball."""
-        spend(8 * len(self.poles))
-        return sum((size * (pole * span).exp() for pole, size in zip(self.poles, self.sizes, strict=True)), acb_series([0]))
-
-
-def motion(plants: Written | Moved, kicks: Kicks, line: Line, starts: Sequence[acb], flexible: Sequence[bool]) -> Motion:
-    """The motions after the command, all over the balls of the line and of the poles that it begins with."""
-    poles, sizes = plants.poles(line, starts), []
-    for pole, weight, pair in zip(poles, plants.weights(line, poles), flexible, strict=True):
-        spend(6 * len(kicks.jumps))
-        shaken = sum(((pole * s).exp() * jump for s, jump in kicks.jumps), acb_series([0]))
-        sizes.append((1 + pair) * over(weight, pole**kicks.order) * shaken)
-    return Motion(poles, sizes)
-
-
-@dataclass(frozen=True, slots=True)
-class Around:
-    """Motions about the centre c of a cell: a function f of the place obeys there, with the half widths ρ of the cell,
-
-        |f - f(c)| ≤ Σ_q |∂_q f(c)| ρ_q + Σ_q |∂_qq f(c)|/2 ρ_q² + Σ_{q<k} |∂_qk f(c)| ρ_q ρ_k + |f_3|,
-
-    where f_3 is the third term of f along any line through any place of the cell, in directions within ±ρ (Taylor's formula).
-    """
-
-    ways: dict[tuple[int, int], Motion]  # from the centre, along a parameter (q, q) or two of them at once
-    whole: Motion
-    radii: Sequence[arb]
-
-    @staticmethod
-    def of(plants: Written | Moved, kicks: Kicks, cell: Numbers, centre: Numbers, radii: Sequence[arb], poles: Any) -> Around:
-        """All motions of a cell."""
-        points, balls, flexible = poles
-        wide = [q for q, radius in enumerate(radii) if not radius.is_zero()]
-        if not wide:  # one plant, at an exact place
-            alone = motion(plants, kicks, centre, points, flexible)
-            return Around({(0, 0): alone}, alone, radii)
-        ways = {}
-        for q, k in combinations_with_replacement(wide, 2):
-            line = [acb_series([x, int(i in (q, k))]) for i, x in enumerate(centre)]
-            ways[q, k] = motion(plants, kicks, line, points, flexible)
-        whole = [acb_series([x, arb(0, radius.upper())]) for x, radius in zip(cell, radii, strict=True)]
-        return Around(ways, motion(plants, kicks, whole, balls, flexible), radii)
-
-    @property
-    def middle(self) -> Motion:
-        """At the centre, along some way."""
-        return next(iter(self.ways.values()))
-
-    def terms(self, along: Callable[[Way, Motion], acb_series]) -> tuple[list[acb], arb]:
-        """The terms of Taylor's formula about the centre, at most: derivatives times half widths, in a fixed order; and |f_3|."""
-        lines, found = {way: along(way, motion) for way, motion in self.ways.items()}, []
-        for (q, k), own in lines.items():
-            if q == k:
-                found += [own[1] * self.radii[q], own[2] * self.radii[q] ** 2]
-            else:
-                found.append((own[2] - lines[q, q][2] - lines[k, k][2]) * self.radii[q] * self.radii[k])
-        return found, abs(along((), self.whole)[3])
-
-    def drift(self, span: arb) -> arb:
-        """How far r(τ) is from what it is at the centre, in the cell, for the instants of a ball."""
-        terms, last = self.terms(lambda _, motion: motion.course(span))
-        return sum((abs(term.real) for term in terms), last)
-
-    def moduli(self) -> tuple[arb, list[arb]]:
-        """`Σ |Z_j|` over the cell, and each by itself, at most.
-
-        With the real part x_j and the imaginary part y_j of `Z_j e^{-j(α_j + β_j (θ - c))}`, where y_j and its slopes are 0 at the centre,
-        |Z_j| ≤ x_j + y_j²/(2 x_j). Of the x_j the terms at the centre are summed before their sizes are taken.
-        """
-        bound, each, together = arb(0), [], [acb(0)] * len(self.terms(lambda _, motion: motion.poles[0])[0])
-        for j, size in enumerate(self.middle.sizes):
-            start, (terms, last) = size[0], self.terms(lambda _, motion, j=j: motion.sizes[j])
-            each.append(sum((abs(term) for term in terms), abs(start) + last))
-            if not 3 * abs(start) > 2 * each[j]:  # so near 0 it has no direction
-                bound += each[j]
+        totals = [acb(0)] * len(plant.roots)
+        for output in (None, *limits):
+            contacts = written.residual if output is None else [contact for contact in written.after if contact.output == output]
+            if not contacts:
                 continue
-            turn, rates = start.conjugate() / abs(start), [arb(0)] * len(self.radii)
-            for q, _ in self.ways:
-                rates[q] = (self.ways[q, q].sizes[j][1] / start).imag.mid()
-
-            def turned(way: Way, motion: Motion, j: int = j, turn: acb = turn, rates: list[arb] = rates) -> acb_series:
-                speeds = [rates[q] for q in set(way)] if way else [b * arb(0, r.upper()) for b, r in zip(rates, self.radii, strict=True)]
-                return motion.sizes[j] * turn * acb_series([0, acb(0, -sum(speeds, arb(0)))]).exp()
-
-            terms, last = self.terms(turned)
-            x, y = (sum((abs(part) for part in parts), last) for parts in ([t.real for t in terms], [t.imag for t in terms]))
-            if abs(start) - x > 0:
-                across = y * y / (2 * (abs(start) - x))
-                each[j], bound = abs(start) + x + across, bound + abs(start) + last + across
-                together = [one + other for one, other in zip(together, terms, strict=True)]
-            else:
-                bound += each[j]
-        return bound + sum((abs(term.real) for term in together), arb(0)), each
+            final = arb(0) if output is None else excursions.final(system, plants, plant.place, output)[0].real
+            size, weights = allowed if output is None else arb(limits[output]), plant.weights(output)
+            for contact in contacts:
+                force = arb(contact.lower - contact.upper)
+                gain -= arb(contact.upper) * (size - final) + arb(contact.lower) * (size + final)
+                for j, (root, weight) in enumerate(zip(plant.roots, weights, strict=True)):
+                    spend(5)
+                    totals[j] += weight * (root.value * arb(contact.time)).exp() * force
+        for root, total in zip(plant.roots, totals, strict=True):
+            roots.append(root)
+            numbers += [total.real, total.imag][: 1 + root.flexible]
+            gain += (total * arb(system.rest) / -root.value).real
+        gain -= sum((arb(abs(press.weight) * limits[press.output]) for press in written.deflection), arb(0))
+        if written.deflection:
+            followed.append((plant, written.deflection))
+    return Relaxed(tuple(roots), numbers, gain, tuple(followed))
 
 
 def prove(system: System, command: Numbers, n: int) -> None:
@@ -207,11 +126,10 @@ def prove(system: System, command: Numbers, n: int) -> None:
     while waiting:
         sides = waiting.pop()
         spend(200)
-        centre = [(low + high) / 2 for low, high in sides]
-        cell = [arb(low).union(arb(high)) if low < high else low for low, high in sides]
-        radii = [arb((high - low) / 2) for low, high in sides]
+        cell, centre, radii = laid(sides)
         if not (within(plants, kicks, cell, centre, radii, allowed) and plants.settled(sides)):
             waiting += halved(task, sides, "the residual is not told from the tolerance somewhere in the box")
+    excursions.prove(system, plants, kicks)
 
 
 def within(plants: Written | Moved, kicks: Kicks, cell: Numbers, centre: Any, radii: Sequence[arb], allowed: arb) -> bool:
@@ -232,35 +150,6 @@ def within(plants: Written | Moved, kicks: Kicks, cell: Numbers, centre: Any, ra
     except ZeroDivisionError:
         return False
     alone = len(points) == 1 and flexible[0] and points[0].real.is_zero() and abs(around.middle.sizes[0][0]) > allowed
-    if alone or (inside := all(ball.real <= 0 for ball in balls) and in_time(around, sizes, flexible, allowed)) is None:
+    if alone or (inside := all(ball.real <= 0 for ball in balls) and in_time(around, sizes, flexible, allowed, allowed)) is None:
         raise Refuted(f"the residual exceeds the tolerance at {', '.join(f'{float(arb(x).mid()):.6g}' for x in centre)}")
     return inside
-
-
-def in_time(around: Around, sizes: Sequence[arb], flexible: Sequence[bool], allowed: arb) -> bool | None:
-    """Whether |r(τ)| ≤ allowed: at the centre by Taylor's formula in τ, elsewhere as `Around` says, far away by the envelope. None if it is
-    more at an instant of the plant at the centre."""
-    middle, whole = around.middle, around.whole
-    roots = tuple(Root(p[0] if pair else acb(p[0].real), 1) for p, pair in zip(middle.poles, flexible, strict=True))
-    wave = Wave.of(roots, [part for z, pair in zip(middle.sizes, flexible, strict=True) for part in (z[0].real, z[0].imag)[: 1 + pair]])
-    far, quick = max((1 / abs(p[0])).upper() for p in whole.poles), min((1 / abs(p[0])).lower() for p in middle.poles)
-    while not sum((size * (p[0].real * far).exp() for size, p in zip(sizes, whole.poles, strict=True)), arb(0)) <= allowed:
-        far = (far * 5 / 4).mid()
-        if far > 1e4 * quick:
-            return False
-    count = int(float(far / quick)) + 1
-    waiting = [(far * k / count, far * (k + 1) / count) for k in range(count)]
-    for _ in range(400 + 4 * count):
-        if not waiting:
-            return True
-        a, b = waiting.pop()
-        c, value, _, values = wave.over(a, b)
-        span = a.union(b)
-        if abs(values) + around.drift(span) <= allowed:
-            continue
-        if abs(value) > allowed:
-            return None
-        if not (a < c < b and abs(value) + around.drift(c) <= allowed):
-            return False  # at this instant, which a shorter piece would not help
-        waiting += [(a, c), (c, b)]
-    return False

@@ -8,7 +8,7 @@ what the output does without an input.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -130,13 +130,16 @@ def near(system: System, at: fmpq) -> Any:
     return at if system.task.limits.sample_time else arb(at).mid()
 
 
-def pressed(system: System, roots: tuple[Root, ...], presses: Sequence[Any], horizon: Any) -> list[Kick]:
+def pressed(
+    system: System, roots: tuple[Root, ...], presses: Sequence[Any], horizon: Any, answer: Callable[[str, int], Chains] | None = None
+) -> list[Kick]:
     """What multipliers of outputs take off the costate's function up to the horizon, in order of the time to go.
 
-    One over [begin, end] is spread evenly, one at a single time to go takes the impulse's response off.
+    One over [begin, end] is spread evenly, one at a single time to go takes the impulse's response off. `answer` is the response, of an
+    output by so many integrals, of another plant than the task's.
     """
-    names = {press.output for press in presses}
-    responses = {name: [response(system, roots, name, integrals) for integrals in (0, 1)] for name in names}
+    names, answer = {press.output for press in presses}, answer or (lambda name, integrals: response(system, roots, name, integrals))
+    responses = {name: [answer(name, integrals) for integrals in (0, 1)] for name in names}
     kicks: list[Kick] = []
     for press in presses:
         begin, end = (near(system, at) for at in (press.begin, press.end))
@@ -170,8 +173,11 @@ def begun(system: System, roots: tuple[Root, ...], presses: Sequence[Any], horiz
 def prove(system: System, n: int, command: Sequence[arb | fmpq]) -> None:
     """Prove that every output whose deflection is limited stays within its limit during the move; raises `Refuted` or `Undecided`.
 
-    After the move it stays where it is then, which is within the limit (`sensible`), but for what a tail does to it.
+    After the move it stays where it is then, which is within the limit (`sensible`), but for what a tail does to it. Of a box see
+    `excursions`.
     """
+    if system.task.box is not None:
+        return
     roots = common(system.roots, 2)
     instants, levels = [*command[1 : n + 1], command[0]], [fmpq(0), *command[n + 1 : 2 * n + 1], system.end(command[2 * n + 1 :])]
     if system.sloped:  # straight from level to level: the slope jumps
@@ -223,7 +229,6 @@ def sensible(task: Any) -> None:
     require(plant.outputs.keys() == task.limits.deflection.keys(), "the outputs written are those whose deflection is limited")
     for name, limit in task.limits.deflection.items():
         numerator = plant.outputs[name]
-        require(task.box is None, "limits on outputs do not belong to a box")
         fine = limit > 0 and numerator[0] != 0 and len(numerator) < len(plant.denominator)
         require(fine, f"the limit of the output {name} is more than 0, and it is strictly proper")
         require(abs(task.displacement * numerator[-1] / plant.numerator[-1]) <= limit, f"the output {name} rests beyond its limit")

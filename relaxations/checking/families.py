@@ -15,7 +15,7 @@ import flint
 from flint import acb, acb_poly, acb_series, arb, fmpq, fmpq_poly
 
 from relaxations.checking.balls import Root, isolated, named, on_axis, spend
-from relaxations.checking.members import Numbers, member, moves, rigid
+from relaxations.checking.members import Numbers, Which, member, moves, rigid
 from relaxations.checking.reading import Undecided, require
 
 Tracked = tuple[list[acb], list[acb], list[bool]]
@@ -40,7 +40,7 @@ class Written:
 
     task: Any
 
-    def member(self, place: Any, which: str) -> list[Any]:
+    def member(self, place: Any, which: Which) -> list[Any]:
         """Coefficients, lowest power of s first."""
         return member(self.task.box, place, which)
 
@@ -87,11 +87,16 @@ class Written:
             found.append(acb_series(terms))
         return found
 
-    def weights(self, line: Line, poles: Sequence[acb_series]) -> list[acb_series]:
-        """N(p)/D'(p)."""
-        N, D = (self.member(line, which) for which in ("numerator", "denominator"))
+    def weights(self, line: Line, poles: Sequence[acb_series], output: str | None = None) -> list[acb_series]:
+        """N(p)/D'(p) of the controlled output, or of a named one."""
+        N, D = (self.member(line, which) for which in (chosen(output), "denominator"))
         slope = [k * c for k, c in enumerate(D)][1:]
         return [over(valued_at(N, pole), valued_at(slope, pole)) for pole in poles]
+
+    def at_origin(self, line: Line, output: str, count: int) -> list[acb_series]:
+        """The first terms of N/(D/s^r) at s = 0, r poles there, of a named output."""
+        N, D = ([as_series(c) for c in self.member(line, which)] for which in (chosen(output), "denominator"))
+        return quotient(N, D[rigid(self.task) :], count)
 
     def settled(self, sides: Sequence[tuple[fmpq, fmpq]]) -> bool:
         """Whether no plant of a cell is unstable. Where that is not seen at once, a parameter that damps all poles in question, in all the
@@ -150,6 +155,37 @@ def over(one: Any, other: acb_series) -> acb_series:
     if other[0].contains(0):
         raise ZeroDivisionError("a divisor may vanish")
     return one / other
+
+
+def chosen(output: str | None) -> Which:
+    """What is written of the controlled output's numerator, or of that of a named one."""
+    return "numerator" if output is None else ("outputs", output)
+
+
+def as_series(number: Any) -> acb_series:
+    """A number, or a series as it is."""
+    return number if isinstance(number, acb_series) else acb_series([number])
+
+
+def quotient(above: Sequence[acb_series], below: Sequence[acb_series], count: int) -> list[acb_series]:
+    """The first terms in s of a quotient of polynomials, lowest power first; raises `ZeroDivisionError` if the divisor may vanish at 0."""
+    found: list[acb_series] = []
+    for i in range(count):
+        known = (found[i - k] * below[k] for k in range(1, min(i, len(below) - 1) + 1))
+        left = (above[i] if i < len(above) else acb_series([0])) - sum(known, acb_series([0]))
+        spend(4 * len(below))
+        found.append(over(left, below[0]))
+    return found
+
+
+def times(one: Sequence[acb_series], other: Sequence[acb_series]) -> list[acb_series]:
+    """The product of polynomials."""
+    found = [acb_series([0])] * (len(one) + len(other) - 1)
+    for i, a in enumerate(one):
+        for k, b in enumerate(other):
+            found[i + k] += a * b
+    spend(len(one) * len(other))
+    return found
 
 
 def mirrored(series: acb_series) -> acb_series:
@@ -211,18 +247,46 @@ class Moved:
             found.append(pole if scale is None else pole * line[scale])
         return found
 
-    def weights(self, line: Line, poles: Sequence[acb_series]) -> list[acb_series]:
-        """N(p)/D'(p), in factors."""
-        line = [x if isinstance(x, acb_series) else acb_series([x]) for x in line]
-        gain, found = acb_series([self.task.plants[0].numerator[0]]), []
+    def factors(self, line: Line, output: str | None) -> tuple[acb_series, list[tuple[Root, acb_series]], list[acb_series]]:
+        """Of the controlled output, or of a named one: a gain, zeros, and a further factor N_r/N or N_r, lowest power first.
+
+        An output that has all zeros of the controlled one keeps having them, others keep their own, and so do all the static gain. Raises
+        `Malformed` where one of these has not while zeros are moved.
+        """
+        (plant,), scales = self.task.plants, [as_series(x) for x in line]
+        gain, further = acb_series([1]), [acb_series([plant.numerator[0]])]
         for root, (scale, _) in self.poles_moved:  # what keeps the static gain
-            gain = gain if scale is None else gain * line[scale] ** root.size
+            gain = gain if scale is None else gain * scales[scale] ** root.size
+        moved = any(scale is not None for _, (scale, _) in self.zeros_moved)
+        if output is not None:
+            own, numerator = (fmpq_poly(list(which[::-1])) for which in (plant.outputs[output], plant.numerator))
+            whole, rest = divmod(own, numerator)
+            require(rest.is_zero() or not moved, f"the output {output} has not all zeros of the controlled output, which are moved")
+            if not rest.is_zero():
+                return gain, [], [acb_series([c]) for c in own.coeffs()]
+            further = [acb_series([c * plant.numerator[0]]) for c in whole.coeffs()]
         for root, (scale, _) in self.zeros_moved:
-            gain = gain if scale is None else over(gain, line[scale] ** root.size)
-        zeros = [(root, acb_series([root.value]) * (1 if scale is None else line[scale])) for root, (scale, _) in self.zeros_moved]
+            gain = gain if scale is None else over(gain, scales[scale] ** root.size)
+        zeros = [(root, acb_series([root.value]) * (1 if scale is None else scales[scale])) for root, (scale, _) in self.zeros_moved]
+        return gain, zeros, further
+
+    def at_origin(self, line: Line, output: str, count: int) -> list[acb_series]:
+        """The first terms of N/(D/s^r) at s = 0, r poles there, of a named output."""
+        gain, zeros, above = self.factors(line, output)
+        below, poles = [acb_series([1])], [(root, pole) for (root, _), pole in zip(self.poles_moved, self.poles(line), strict=True)]
+        for found, which in ((zeros, 0), (poles, 1)):
+            for root, at in found:
+                factor = [at * mirrored(at), -at - mirrored(at), acb_series([1])] if root.flexible else [-at, acb_series([1])]
+                for _ in range(root.multiplicity):
+                    above, below = (above, times(below, factor)) if which else (times(above, factor), below)
+        return quotient([gain * c for c in above], below, count)
+
+    def weights(self, line: Line, poles: Sequence[acb_series], output: str | None = None) -> list[acb_series]:
+        """N(p)/D'(p), in factors, of the controlled output, or of a named one."""
+        (gain, zeros, further), found = self.factors(line, output), []
         for j, pole in enumerate(poles):
             spend(4 * (len(poles) + len(zeros)))
-            value = over(gain, pole ** rigid(self.task))
+            value = over(gain, pole ** rigid(self.task)) * (further[0] if len(further) == 1 else valued_at(further, pole))
             for root, zero in zeros:
                 value *= ((pole - zero) * (pole - mirrored(zero)) if root.flexible else pole - zero) ** root.multiplicity
             for i, (other, (root, _)) in enumerate(zip(poles, self.poles_moved, strict=True)):

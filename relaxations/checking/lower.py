@@ -152,14 +152,15 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     """
     require(bool(system.zeros) or not (witness.tail or witness.after), "multipliers of a tail that the task does not have")
     numbers, price = costate(system, witness)
-    others, more, relief = boxes.relaxed(system, witness.samples)
+    relaxed = boxes.relaxed(system, witness.samples)
+    others, more, relief = relaxed.roots, relaxed.numbers, relaxed.gain
     price += arb(witness.fuel * (system.task.limits.fuel or 0))
     price += sum((arb(abs(press.weight) * system.task.limits.deflection[press.output]) for press in witness.deflection), arb(0))
     step, entries, own = system.task.limits.sample_time, [*numbers.entries(), *more], (*system.roots, *others)
     count = int((time / step).ceil()) - 1 if step else 0
-    roots = courses.common(own, 2) if step or witness.deflection or witness.ramps or not own else own
+    roots = courses.common(own, 2) if step or witness.deflection or relaxed.pressed or witness.ramps or not own else own
     nothing = [[acb(0)] * root.multiplicity for root in roots]
-    if step and count > MOST_CELLS and (witness.deflection or witness.steps):
+    if step and count > MOST_CELLS and (witness.deflection or relaxed.pressed or witness.steps):
         raise Undecided("more samples than a check may look at with multipliers of outputs or of steps")
 
     def sides(horizon: Any) -> tuple[arb, arb]:
@@ -168,7 +169,8 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         terms = [a * b for a, b in zip(numbers.entries(), aim.entries(), strict=True)]
         gain = sum(terms, relief - price) + courses.begun(system, roots, witness.deflection, horizon)
         size = sum((abs(term) for term in terms), abs(relief) + price)
-        kicks = [*courses.pressed(system, roots, witness.deflection, horizon), *ramps.edges(witness.ramps, nothing, horizon)]
+        kicks = [*courses.pressed(system, roots, witness.deflection, horizon), *relaxed.kicks(system, roots, horizon)]
+        kicks += ramps.edges(witness.ramps, nothing, horizon)
         kicks.sort(key=lambda kick: kick[0])
         whole = list(courses.pieces(roots, courses.given(own, roots, entries), kicks, horizon))
         if step and count <= MOST_CELLS:

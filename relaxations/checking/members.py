@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from flint import arb, fmpq
+from flint import arb, fmpq, fmpq_poly
 
 from relaxations.checking.balls import spend
 from relaxations.checking.reading import MOVED, Refuted, Undecided, require
@@ -15,14 +15,22 @@ Numbers = Sequence[arb | fmpq]
 LONGEST_POWER = 20_000  # bits of a power of an exact parameter
 
 
-def member(box: Any, place: Numbers, which: str, derivative: int | None = None) -> list[Any]:
-    """The coefficients, lowest power of s first, of numerator or denominator at a place in the box, or their derivative by a parameter."""
+Which = str | tuple[str, str]  # numerator, denominator, or ("outputs", name)
+
+
+def coefficients(owner: Any, which: Which) -> Any:
+    """What is written of a polynomial, of a box or of a plant in its list."""
+    return getattr(owner, which) if isinstance(which, str) else owner.outputs[which[1]]
+
+
+def member(box: Any, place: Numbers, which: Which, derivative: int | None = None) -> list[Any]:
+    """The coefficients, lowest power of s first, of a polynomial at a place in the box, or their derivative by a parameter."""
     if box.plants:
         spend(len(box.plants) / 2)
-        found = next((getattr(plant, which) for plant in box.plants if list(plant.place) == list(place)), ())
+        found = next((coefficients(plant, which) for plant in box.plants if list(plant.place) == list(place)), ())
         require(bool(found), "a place at which no plant of the box is listed")
         return [fmpq(0) if derivative is not None else c for c in reversed(found)]
-    return [valued(terms, place, derivative) for terms in reversed(getattr(box, which))]
+    return [valued(terms, place, derivative) for terms in reversed(coefficients(box, which))]
 
 
 def valued(terms: Any, place: Numbers, derivative: int | None = None) -> arb | fmpq:
@@ -53,6 +61,9 @@ MOVING = (
 )
 
 
+OTHERS = "  Each output keeps its static gain and its zeros; one that has all zeros of y, moved ones among them, keeps having these."
+
+
 def plants(task: dict[str, Any]) -> list[str]:
     """In words, from the numbers as they are written: which plants the claim is about."""
     if not (box := task["box"]):
@@ -66,9 +77,11 @@ def plants(task: dict[str, Any]) -> list[str]:
         return [
             heading,
             *(f"  at {', '.join(p['place'])}: [{', '.join(p['numerator'])}] / [{', '.join(p['denominator'])}]" for p in box["plants"]),
+            *(f"    {name}: [{', '.join(above)}]" for p in box["plants"] for name, above in p["outputs"].items()),
         ]
     heading = f"  and every plant of the box {ranges}; coefficients in terms of these, (factor, powers):"
-    return [heading, *(f"  {which:<12} {box[which]}" for which in ("numerator", "denominator"))]
+    written = [*((which, box[which]) for which in ("numerator", "denominator")), *box["outputs"].items()]
+    return [heading, *(f"  {which:<12} {polynomial}" for which, polynomial in written)]
 
 
 def promises(task: dict[str, Any]) -> list[str]:
@@ -77,11 +90,14 @@ def promises(task: dict[str, Any]) -> list[str]:
         return []
     allowed = f"at most {box['tolerance']} of the displacement instead of 0"
     residual = f"  In every one of these plants the residual |y(t) - y(∞)| for t ≥ T is {allowed};"
+    limits = task["limits"]["deflection"]
+    courses = ["  The limits of outputs hold in every one of them, for all t ≥ 0."] if limits else []
     if not (box["plants"] or box["denominator"]):
-        return [residual, "  y(∞) is the target in all of them, and none keeps drifting."]
+        courses += [OTHERS] if limits else []
+        return [*courses, residual, "  y(∞) is the target in all of them, and none keeps drifting."]
     share = box["final_tolerance"]
     where = "" if share is None else f", within {share} of the displacement of it in the others"
-    return [residual, f"  y(∞) is the target in the nominal plant{where}, and no plant keeps drifting."]
+    return [*courses, residual, f"  y(∞) is the target in the nominal plant{where}, and no plant keeps drifting."]
 
 
 def sensible(task: Any) -> None:
@@ -94,6 +110,13 @@ def sensible(task: Any) -> None:
     )
     require(box.tolerance > 0, "a tolerance is more than 0")
     require(box.final_tolerance is None or box.final_tolerance >= 0, "a final tolerance is 0 or more")
+    names = task.limits.deflection.keys()
+    require(plant.outputs.keys() == names, "the outputs written are those whose deflection is limited")
+    outputs = [box.outputs] if box.denominator else [one.outputs for one in box.plants]
+    fine = all(own.keys() == names for own in outputs) and not (box.outputs and not box.denominator)
+    require(fine, "the outputs written of a box are those whose deflection is limited")
+    proper = [(box.outputs, box.denominator), *((one.outputs, one.denominator) for one in box.plants)]
+    require(all(0 < len(own) < len(d) for found, d in proper for own in found.values()), "outputs of a box are strictly proper")
     if moves(box):
         moving(box)
         return
@@ -103,7 +126,9 @@ def sensible(task: Any) -> None:
     places = [listed.place for listed in box.plants]
     inside = [len(place) == count and all(p.low <= x <= p.high for p, x in zip(box.parameters, place, strict=True)) for place in places]
     require(all(inside) and len(set(places)) == len(places), "plants are listed at different places of the box")
-    terms = [powers for which in (box.numerator, box.denominator) for coefficient in which for _, powers in coefficient]
+    terms = [
+        powers for which in (box.numerator, box.denominator, *box.outputs.values()) for coefficient in which for _, powers in coefficient
+    ]
     require(all(len(powers) == count and max(powers, default=0) <= 64 for powers in terms), f"a term has {count} powers of at most 64")
     nominal = [p.nominal for p in box.parameters]
     ours = [member(box, nominal, which) for which in ("numerator", "denominator")]
@@ -113,6 +138,9 @@ def sensible(task: Any) -> None:
         for mine, theirs in zip(ours, (plant.numerator, plant.denominator), strict=True)
     )
     require(same, "the plant is not the nominal one of the box")
+    for name in names:
+        own = fmpq_poly(member(box, nominal, ("outputs", name))) / ours[1][-1]
+        require(own == fmpq_poly(list(plant.outputs[name][::-1])), f"the output {name} is not that of the nominal plant")
 
 
 def moving(box: Any) -> None:
@@ -200,6 +228,12 @@ def lands(task: Any) -> None:
         if arb(least) - sum((abs(slope) * (high - low) / 2 for slope, (low, high) in zip(slopes, sides, strict=True)), arb(0)) >= 0:
             continue
         waiting += [(half, side) for half in halved(task, sides, "the final error is not told from its tolerance somewhere in the box")]
+
+
+def laid(sides: Sequence[tuple[fmpq, fmpq]]) -> tuple[list[arb | fmpq], list[fmpq], list[arb]]:
+    """A cell as balls, its centre and its half widths."""
+    cell = [arb(low).union(arb(high)) if low < high else low for low, high in sides]
+    return cell, [(low + high) / 2 for low, high in sides], [arb((high - low) / 2) for low, high in sides]
 
 
 def halved(task: Any, sides: Sequence[tuple[fmpq, fmpq]], otherwise: str) -> list[tuple[tuple[fmpq, fmpq], ...]]:

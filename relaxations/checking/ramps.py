@@ -147,6 +147,8 @@ def prove(system: System, command: Sequence[Number], n: int) -> None:
         raise Refuted("the input jumps at the beginning of the move")
     if not step and not levels[0] == 0:  # where the tail is all there is
         raise Undecided("the input is not known to begin where it rests")
+    if step:
+        lasting(instants)
     low, high = system.task.limits.rate
     spans = [arb(t - s) for s, t in pairwise(instants)] if not step else [arb(step)] * (n + 1)
     for span, (a, b) in zip(spans, pairwise(levels if not step else [fmpq(0), *levels]), strict=True):
@@ -155,6 +157,12 @@ def prove(system: System, command: Sequence[Number], n: int) -> None:
             raise Refuted("the slope of the input leaves its limits")
         if not low <= slope <= high:
             raise Undecided("the slope of the input is not told from its limits at this precision")
+
+
+def lasting(instants: Sequence[Any]) -> None:
+    """Every level lasts a sample at least: else two steps would be one. The instants are exact."""
+    if any(after <= before for before, after in pairwise(instants)):
+        raise Refuted("a level lasts no sample, so that two steps of the input are one")
 
 
 def burnt(levels: Sequence[Number], instants: Sequence[Number]) -> arb:

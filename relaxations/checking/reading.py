@@ -94,6 +94,12 @@ def numerators(data: Any, where: str) -> dict[str, tuple[fmpq, ...]]:
     return {name(key, where): shaped(value, POLYNOMIAL, f"{where}.{key}") for key, value in data.items()}
 
 
+def families(data: Any, where: str) -> dict[str, Any]:
+    """Coefficients in terms of parameters by the names of outputs."""
+    require(isinstance(data, dict) and len(data) <= MOST_OUTPUTS, f"{where} names at most {MOST_OUTPUTS} outputs")
+    return {name(key, where): shaped(value, COEFFICIENTS, f"{where}.{key}") for key, value in data.items()}
+
+
 def tables(data: Any, where: str) -> dict[str, tuple[tuple[fmpq, ...], ...]]:
     """Rows for every instant of a schedule by the names of outputs."""
     require(isinstance(data, dict) and len(data) <= MOST_OUTPUTS, f"{where} names at most {MOST_OUTPUTS} outputs")
@@ -126,8 +132,8 @@ TERMS: list[Any] = [(real, [natural, 1, 8]), 0, 1000]
 # the target by `final_tolerance` times the displacement (null: by any amount).
 COEFFICIENTS: list[Any] = [TERMS, 0, MOST_POLES + 1]  # the highest power of s first
 PARAMETER = {"name": name, "nominal": (None, real), "low": real, "high": real}
-LISTED = {"place": [real, 1, 8], "numerator": POLYNOMIAL, "denominator": POLYNOMIAL}
-FORM = {"numerator": COEFFICIENTS, "denominator": COEFFICIENTS, "plants": [LISTED, 0, 1000]}
+LISTED = {"place": [real, 1, 8], "numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "outputs": numerators}
+FORM = {"numerator": COEFFICIENTS, "denominator": COEFFICIENTS, "outputs": families, "plants": [LISTED, 0, 1000]}
 BOX = {"parameters": [PARAMETER, 1, 8], **FORM, "tolerance": real, "final_tolerance": (None, real)}
 # A plant that varies instead: matrices at instants, the first 0, linear between them and constant after the last.
 MOST_STATES, MOST_INSTANTS = 50, 1000
@@ -155,12 +161,13 @@ TASK = {
 CHAINS: list[Any] = [{"near": PAIR, "coefficients": [PAIR, 0, MOST_POLES]}, 0, MOST_POLES]
 # a costate for each plant, and the multipliers μ⁺ and μ⁻ of the tail's limits so many seconds after the move
 CONTACTS: list[Any] = [{"time": real, "upper": real, "lower": real}, 0, MOST_CONTACTS]
-# … and of the residuals of plants at places in the box, and the one of the fuel
+# … of outputs over times to go, and of the slope
 PRESSES: list[Any] = [{"output": name, "begin": real, "end": real, "weight": real}, 0, MOST_CONTACTS]
 RAMPS: list[Any] = [{"edges": [real, 2, 1000], "levels": [real, 1, 1000]}, 0, MOST_CONTACTS]
-SAMPLES: list[Any] = [{"place": [real, 1, 8], "residual": CONTACTS}, 0, 1000]
 # … of what a tail does to the input's slope (null) or to an output, so many seconds after the move
 AFTER: list[Any] = [{"output": (None, name), "time": real, "upper": real, "lower": real}, 0, MOST_CONTACTS]
+# … of the residual and of outputs, in the course of the move and after it, of plants at places in the box
+SAMPLES: list[Any] = [{"place": [real, 1, 8], "residual": CONTACTS, "deflection": PRESSES, "after": AFTER}, 0, 1000]
 STEPS: list[Any] = [real, 0, MOST_SEGMENTS]  # of the input's changes from sample to sample, the last change first
 LOWER = {
     "costate": [CHAINS, 1, 1],
@@ -233,7 +240,9 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     require(bool(sides) != (claim.impossible is not None), "a claim has sides, or says that the task is impossible")
     require(all(side >= 0 for side in sides), "a maneuver time is not negative")
     require(bool(lower or not claim.lower) and bool(upper or claim.upper is None), "a side that is claimed has no witness")
-    for contact in lower.after if lower else ():
+    samples = lower.samples if lower else ()
+    require(all(c.output is not None for sample in samples for c in sample.after), "no plant of a box has a slope of its own")
+    for contact in (*lower.after, *(contact for sample in samples for contact in sample.after)) if lower else ():
         known = task.limits.rate is not None if contact.output is None else contact.output in task.limits.deflection
         require(
             known and min(contact.time, contact.upper, contact.lower) >= 0, "multipliers after the move are of limits, and not negative"
@@ -245,7 +254,7 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     )
     require(task.box is not None or not lower or not lower.samples, "samples of a box that the task does not have")
     require(task.limits.fuel is None or task.limits.fuel > 0, "a budget of fuel is more than 0")
-    for press in lower.deflection if lower else ():
+    for press in (*lower.deflection, *(press for sample in samples for press in sample.deflection)) if lower else ():
         require(press.output in task.limits.deflection, f"a multiplier of the output {press.output}, which is not limited")
         require(0 <= press.begin <= press.end, "the multiplier of an output acts over times to go from 0 on, that ascend")
     fine = not lower or lower.fuel == 0 or (task.limits.fuel is not None and lower.fuel > 0)

@@ -241,6 +241,7 @@ def upper_side(task: Varying, witness: Any, time: fmpq) -> None:
             require(levels[0] == 0, "the input is continuous, so it begins where it rests")
             steepness = slopes(instants, [arb(level) for level in levels])
         else:
+            ramps.lasting(instants)
             steepness = [arb(b - a) / arb(limits.sample_time) for a, b in pairwise([fmpq(0), *levels])]
         for i, slope in enumerate(steepness):
             upper.at_most(arb(limits.rate[0]), slope, f"slope {i} is above its limit")

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
+from flint import fmpq, fmpq_poly
 from numpy.typing import NDArray
 
 from relaxations.errors import ManeuverError
@@ -36,24 +37,39 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """A transfer function whose coefficients (highest power of s first) are polynomials in the parameters of a box."""
+    """A transfer function whose coefficients (highest power of s first) are polynomials in the parameters of a box; and the numerators of
+    other `outputs`, by their names, over the same denominator. The controlled output has the `name`."""
 
     numerator: tuple[Polynomial, ...]
     denominator: tuple[Polynomial, ...]
+    outputs: tuple[tuple[str, tuple[Polynomial, ...]], ...] = ()
+    name: str = "output"
 
     def member(self, place: Sequence[Fraction]) -> LinearPlant:
         """The plant at one place."""
-        return LinearPlant.from_transfer(*self.written(place))
+        plant = LinearPlant.from_transfer(*self.written(place))
+        if not self.outputs and self.name == plant.output:
+            return plant
+        lead = _value(self.denominator[0], place)
+        numerators = {self.name if key == plant.output else key: numerator for key, numerator in plant.numerators.items()}
+        for name, numerator in self.outputs:
+            values = [_value(terms, place) / lead for terms in reversed(numerator)]
+            numerators[name] = fmpq_poly([fmpq(x.numerator, x.denominator) for x in values])
+        return LinearPlant(plant.denominator, numerators, self.name)
+
+    def above(self, name: str) -> tuple[Polynomial, ...]:
+        """The numerator of an output: one of those, or the controlled one or its rate."""
+        return dict(((self.name, self.numerator), ("output_rate", (*self.numerator, ())), *self.outputs))[name]
 
     def written(self, place: Sequence[Fraction]) -> tuple[list[Fraction], list[Fraction]]:
         """Its numerator and denominator."""
         upper, lower = ([_value(terms, place) for terms in which] for which in (self.numerator, self.denominator))
         return upper, lower
 
-    def coefficients(self, places: Reals) -> tuple[Reals, Reals]:
-        """Numerators and denominators at `places` (k, parameters) in floating point, highest power first: (k, n) each."""
+    def coefficients(self, places: Reals, name: str | None = None) -> tuple[Reals, Reals]:
+        """Numerators, of the controlled output or a named one, and denominators at `places` (k, parameters), highest power first."""
         found = []
-        for which in (self.numerator, self.denominator):
+        for which in (self.above(name or self.name), self.denominator):
             table = np.zeros((len(places), len(which)))
             for column, terms in enumerate(which):
                 for coefficient, powers in terms:
@@ -133,6 +149,11 @@ class Box:
     def nominal(self) -> Place:
         """The nominal place."""
         return tuple(axis.nominal for axis in self.axes)
+
+    @property
+    def looked(self) -> tuple[Place, ...]:
+        """The places that the program looks at: samples, or else the nominal one and the corners."""
+        return self.samples or tuple(dict.fromkeys((self.nominal, *self.places(2))))
 
     def places(self, count: int) -> list[Place]:
         """Places evenly over the box, its corners among them: `count` values of each parameter; of a list all there are."""

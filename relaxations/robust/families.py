@@ -7,7 +7,7 @@ Modes that the input can excite nowhere in the box are dropped, as in a single p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -74,8 +74,16 @@ class Parameters:
         context = self._context
         return Ratio(context.gen(self.names.index(name)), context.constant(1))
 
-    def family(self, A: Sequence[Sequence[Ratio]], B: Sequence[Ratio], C: Sequence[Ratio], D: Ratio) -> Family:
-        """The family of `C (sI - A)⁻¹ B + D`."""
+    def family(
+        self,
+        A: Sequence[Sequence[Ratio]],
+        B: Sequence[Ratio],
+        C: Sequence[Ratio],
+        D: Ratio,
+        outputs: Mapping[str, Sequence[Ratio]] | None = None,
+        name: str = "output",
+    ) -> Family:
+        """The family of `C (sI - A)⁻¹ B + D`, of the controlled output's `name`, and of further `outputs`, rows like C by their names."""
         n, one, zero = len(A), self.constant(Fraction(1)), self.constant(Fraction(0))
         # det(sI - A) = Σ c_k s^k and adj(sI - A) B = Σ s^(n-k) M_k B with M_1 = I, M_k = A M_{k-1} + c_{n-k+1} I, c_{n-k} = -tr(A M_k)/k
         power, characteristic, states = [[one if i == j else zero for j in range(n)] for i in range(n)], [one], []
@@ -85,16 +93,20 @@ class Parameters:
             c = _sum([moved[i][i] for i in range(n)], zero) * self.constant(Fraction(-1, k))
             characteristic.append(c)
             power = [[moved[i][j] + c if i == j else moved[i][j] for j in range(n)] for i in range(n)]
-        output = [D * characteristic[0]] + [
-            _sum([C[j] * state[j] for j in range(n)], D * c) for state, c in zip(states, characteristic[1:], strict=True)
-        ]
-        return self._reduced(output, characteristic, [[state[j] for state in states] for j in range(n)])
+        found = {name: [D * characteristic[0]]} | {key: [zero] for key in outputs or {}}
+        for key, row in {**(outputs or {}), name: C}.items():
+            through = D if key == name else zero
+            pairs = zip(states, characteristic[1:], strict=True)
+            found[key] += [_sum([row[j] * state[j] for j in range(n)], through * c) for state, c in pairs]
+        return self._reduced(found, name, characteristic, [[state[j] for state in states] for j in range(n)])
 
-    def _reduced(self, output: Sequence[Ratio], characteristic: Sequence[Ratio], states: Sequence[Sequence[Ratio]]) -> Family:
+    def _reduced(
+        self, outputs: Mapping[str, Sequence[Ratio]], name: str, characteristic: Sequence[Ratio], states: Sequence[Sequence[Ratio]]
+    ) -> Family:
         """Without denominators in the parameters, and without what the characteristic polynomial and all states' numerators share."""
         context = self._context
         s, whole = context.gen(len(self.names)), context.constant(1)
-        for entry in [*output, *characteristic, *(x for state in states for x in state)]:
+        for entry in [*(x for output in outputs.values() for x in output), *characteristic, *(x for state in states for x in state)]:
             whole = whole * entry.denominator / whole.gcd(entry.denominator)  # all of them monic: no factor piles up
 
         def joined(coefficients: Sequence[Ratio]) -> Any:
@@ -103,14 +115,16 @@ class Parameters:
                 total = total * s + coefficient.numerator * (whole / coefficient.denominator)
             return total
 
-        below, above, common = joined(characteristic), joined(output), joined(characteristic)
+        below, above, common = joined(characteristic), {key: joined(output) for key, output in outputs.items()}, joined(characteristic)
         for state in states:
             common = common.gcd(joined(state))
-        below, above = below / common, above / common
+        below, above = below / common, {key: numerator / common for key, numerator in above.items()}
         shared = context.constant(0)
-        for coefficient in [*self._coefficients(below), *self._coefficients(above)]:
+        for coefficient in [*self._coefficients(below), *(c for numerator in above.values() for c in self._coefficients(numerator))]:
             shared = shared.gcd(coefficient)  # a factor of parameters alone, from the denominators
-        return Family(self._written(above / shared), self._written(below / shared))
+        written = {key: self._written(numerator / shared) for key, numerator in above.items()}
+        others = tuple((key, numerator) for key, numerator in written.items() if key != name)
+        return Family(written[name], self._written(below / shared), others, name)
 
     def _coefficients(self, polynomial: Any) -> list[Any]:
         """Of powers of s, the highest first, as polynomials in the parameters."""

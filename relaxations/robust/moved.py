@@ -102,8 +102,9 @@ def moved(plant: LinearPlant, axes: Sequence[Axis]) -> Moved:
     above: list[list[Terms]] = [[{powers(): fraction(numerator.leading_coefficient())}]]
     below: list[list[Terms]] = [[one]]
     names = {root: name for name, root in named(plant).items()}
+    gained: list[list[Terms]] = []  # what keeps the static gain of poles that are moved
     for kind, which, gains, found in (
-        ("frequency", below, above, exactly(plant.denominator, plant.poles)),
+        ("frequency", below, gained, exactly(plant.denominator, plant.poles)),
         ("place", above, below, exactly(numerator, plant.zeros)),
     ):
         for root, (real, imaginary) in found:
@@ -116,7 +117,15 @@ def moved(plant: LinearPlant, axes: Sequence[Axis]) -> Moved:
             which += [factor] * root.multiplicity
             if scale is not None:
                 gains += [[{powers(scale): Fraction(1)}]] * (root.multiplicity * (1 + root.is_flexible))
-    return Moved(_product(above), _product(below))
+    others = []
+    zeros = any(move is not None and move.what == "place" for move in map(Move.of, (axis.name for axis in axes)))
+    for key, own in plant.numerators.items():
+        whole, rest = divmod(own, numerator)
+        if key in (plant.output, "output_rate") or not own or own.degree() >= plant.order or (rest and zeros):
+            continue  # of some it is not known where their zeros go
+        factor = [{powers(): fraction(c)} for c in reversed((own if rest else whole).coeffs())]
+        others.append((key, _product([factor, *gained] if rest else [*above, *gained, factor])))
+    return Moved(_product([*above, *gained]), _product(below), tuple(others), plant.output)
 
 
 def exactly(polynomial: fmpq_poly, roots: Sequence[Pole]) -> list[tuple[Pole, tuple[Fraction, Fraction]]]:

@@ -27,6 +27,7 @@ PERIODS = 8.0  # of the slowest mode: how long after the command a residual is f
 LOOKS = 12  # instants in a period of the fastest mode at first
 FINE = 48  # instants in a period of the fastest mode at which its residual is followed
 MISSED = 1e-7  # relative excess between two instants that calls for another one
+LEAST = 1e-12  # of the room on the other side
 WORST = 4  # instants of one plant that are added at a time
 
 
@@ -40,9 +41,11 @@ class Sample:
     rest: Reals
     window: float  # how long its residual is followed [s]
     lasts: float  # no instant is later [s]: so long its modes may take to meet
+    room: tuple[float, float]  # how far below and above its rest an output may be
+    name: str | None = None  # of an output other than the controlled one
 
     @staticmethod
-    def of(place: Place, plant: LinearPlant, hold: float) -> Sample:
+    def of(place: Place, plant: LinearPlant, hold: float, room: tuple[float, float], name: str | None = None) -> Sample:
         """Raises `ManeuverError` for an unstable plant (it is nowhere at rest after a command) and for repeated poles."""
         for pole in plant.poles:
             where = f"the plant {at(place)} in the box"
@@ -52,11 +55,13 @@ class Sample:
                 raise ManeuverError(f"{where} has the repeated pole {pole.value:.6g}: beside the origin a box is about simple poles")
         rigid = plant.rigid_order
         basis = Basis(tuple(pole for pole in plant.poles if not pole.is_rigid))
-        weights = Basis(tuple(plant.poles)).weights(plant.partial())[rigid:]
+        weights = Basis(tuple(plant.poles)).weights(plant.partial(name or plant.output))[rigid:]
         slowest = min((abs(pole.value) for pole in basis.poles), default=1.0)
         periods = PERIODS if basis.size > 2 or any(pole.value.real for pole in basis.poles) else 1.0  # one undamped mode repeats itself
         window = 2 * np.pi * periods / slowest
-        return Sample(place, basis, weights, basis.hold(hold), window, window + np.pi * (tops(_modes(basis)) + 2) / slowest)
+        lasts = window + np.pi * (tops(_modes(basis)) + 2) / slowest
+        least = LEAST * max(room)  # where it rests on its limit nothing else would be measured
+        return Sample(place, basis, weights, basis.hold(hold), window, lasts, (max(room[0], least), max(room[1], least)), name)
 
     @property
     def fastest(self) -> float:
@@ -88,19 +93,23 @@ class Sample:
             at += 1 + pair
         return np.array(found, dtype=complex)
 
-    def peaks(self, moments: Reals, limit: float = np.inf) -> tuple[Reals, Reals]:
-        """Instants of the local extremes (and the first instant) of the residual that moments about the rest leave; its size there. Where
-        modes that add up to more than `limit` may meet later on, an instant at which they nearly do is among them."""
+    def peaks(self, moments: Reals, factor: float = np.inf) -> tuple[Reals, Reals]:
+        """Instants of the local extremes (and the first instant) of the residual that moments about the rest leave; its size there, as a
+        multiple of what is allowed on that side. Where modes that add up to more than `factor` of it may meet later on, an instant at which
+        they nearly do is among them."""
         if not self.basis.size:
             return np.zeros(1), np.zeros(1)
+        limit = factor * min(self.room)
         motions, poles = self.motions(moments)[None, :], np.array([[pole.value for pole in self.basis.poles]])
         fine = np.linspace(0.0, self.window, int(FINE * self.window * self.fastest / (2 * np.pi)) + 3)
         values = course(motions, poles, fine[None, :])[0]
         turns = np.flatnonzero((values[1:-1] - values[:-2]) * (values[2:] - values[1:-1]) <= 0.0) + 1
         near = fine[np.append(turns, 0)]  # it may turn before the first instant of the grid
-        where, sizes = sharpened(motions, poles, near[None, :], fine[1:2])
-        late, large = aligned(motions, poles, np.array([self.window]), limit, tops(_modes(self.basis)))
-        return np.concatenate([[0.0], where[0], late]), np.concatenate([np.abs(values[:1]), sizes[0], large])
+        where, _ = sharpened(motions, poles, near[None, :], fine[1:2])
+        late, _ = aligned(motions, poles, np.array([self.window]), limit, tops(_modes(self.basis)))
+        instants = np.concatenate([[0.0], where[0], late])
+        found = course(motions, poles, instants[None, :])[0]
+        return instants, np.where(found > 0.0, found / self.room[1], -found / self.room[0])
 
 
 def _modes(basis: Basis) -> int:
@@ -109,7 +118,8 @@ def _modes(basis: Basis) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """What the samples of a box leave after the command: `|r| ≤ allowed` (output units) at instants of each.
+    """What the samples of a box leave after the command: `-below ≤ r ≤ above` (output units) at instants of each. For the residual both
+    sides are `allowed`, for other outputs what their limits leave of where they come to rest.
 
     Instants count on one axis: those of sample k from `begins[k]` on, which is after all of the sample before.
     """
@@ -148,10 +158,15 @@ class Residuals:
         """Instants of local extremes beyond `factor` times the tolerance, of levels that reach the target."""
         found = []
         for begin, sample in zip(self.begins, self.samples, strict=True):
-            peaks, sizes = sample.peaks(sample.table(instants, ramps) @ levels - sample.rest, self.allowed * factor)
-            over = np.flatnonzero(sizes > self.allowed * factor)
+            peaks, sizes = sample.peaks(sample.table(instants, ramps) @ levels - sample.rest, factor)
+            over = np.flatnonzero(sizes > factor)
             found.append(begin + peaks[over[np.argsort(-sizes[over], kind="stable")[:WORST]]])
         return np.concatenate(found)
+
+    def rooms(self, looks: Reals) -> tuple[Reals, Reals]:
+        """How far below and above a residual may be at instants on the one axis."""
+        both = np.array([sample.room for sample in self.samples]).reshape(-1, 2)[self.owner(looks)]
+        return both[:, 0], both[:, 1]
 
     def costates(self, multipliers: Sequence[tuple[float, float, float]]) -> list[Reals]:
         """What multipliers (instant on the one axis, μ⁺, μ⁻) add to the costate of each sample's moments."""

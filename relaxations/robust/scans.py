@@ -47,9 +47,9 @@ class Scan:
     weights: Complexes
 
     @staticmethod
-    def of(family: Family, rigid: int, places: Reals) -> Scan:
-        """The plants of a family whose poles at the origin are `rigid`."""
-        above, below = family.coefficients(places)
+    def of(family: Family, rigid: int, places: Reals, name: str | None = None) -> Scan:
+        """The plants of a family whose poles at the origin are `rigid`, and the controlled output or a named one."""
+        above, below = family.coefficients(places, name)
         trimmed = below[:, : below.shape[1] - rigid]
         order = trimmed.shape[1] - 1
         companion = np.zeros((len(places), order, order))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -18,11 +19,14 @@ from numpy.typing import NDArray
 
 from relaxations import posing, programs
 from relaxations.bounds import NOISE, Settings, exceeded, exponent_of, first_looks, grid_minimum, instants
+from relaxations.courses import moved
+from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem, problem
 from relaxations.programs import GridSolution
 from relaxations.repair import Repaired
 from relaxations.robust.boxes import Box, Family, Listed, Place
-from relaxations.robust.residuals import PERIODS, Sample
+from relaxations.robust.excursions import Excursions
+from relaxations.robust.residuals import PERIODS
 from relaxations.robust.scans import Scan, Staircase
 from relaxations.tails import Looks
 
@@ -37,7 +41,9 @@ ROUGH = 1e-3  # of α, before the first places are sought
 TOLERANCE = 1e-7  # of α: closer to the root is closer than the grid
 SEEN = 1e-6  # of the tolerance: what a staircase stays below it
 ROUNDS = 60
+STALLS, BESIDE = 4, 1.0003  # how often the solver may give no answer, and how much longer a move is tried then
 NEARLY = 0.99  # of the tolerance: a local maximum of the grid so close to it is looked at more closely
+FEW = 200  # places: the plants of so many are not worth being kept
 TOPS = 12  # local maxima over the box that are looked at in one round, the worst ones
 
 
@@ -54,7 +60,7 @@ class Sampled:
 
 def at_rest_at_once(posed: Problem) -> bool:
     """Whether the final input itself, from the first instant on, leaves no more than the tolerance."""
-    if posed.size or posed.residuals is None or posed.rate is not None:
+    if posed.size or posed.residuals is None or posed.rate is not None or posed.courses:
         return False
     box, none = posed.maneuver.box, (np.zeros(1), np.zeros(0))
     assert box is not None
@@ -83,9 +89,17 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
     solution: GridSolution | None = None
     tolerance = max(settings.tolerance, TOLERANCE)
     last: GridSolution | None = None  # with the same conditions
+    stalls = 0
     for _ in range(ROUNDS):
         count += 1
-        solution = programs.solve(posing.build(posed, instants(posed, horizon, settings), looks))
+        try:
+            solution = programs.solve(posing.build(posed, instants(posed, horizon, settings), looks))
+        except SolverError:  # that stalls at one time seldom does so beside it
+            stalls += 1
+            if stalls > STALLS:
+                raise
+            horizon, looks = horizon * BESIDE, replace(looks, moving=np.zeros((0, 2)))  # and tops of courses are found again
+            continue
         if solution.fraction < 1.0:
             low, below = horizon, solution
         else:
@@ -180,24 +194,53 @@ def _looks_of(posed: Problem, more: Problem) -> Looks:
 
 
 def worst_places(posed: Problem, instants: Reals, levels: Reals, factor: float) -> list[Place]:
-    """The local maxima of the residual over the box that exceed `factor` times the tolerance, the worst ones."""
+    """The local maxima over the box, of the residual and of limited outputs, that exceed `factor` times what is allowed, the worst ones."""
     box, residuals = posed.maneuver.box, posed.residuals
     assert box is not None
     assert residuals is not None
-    command, allowed = Staircase.of(instants, levels, posed.hold, posed.sloped), residuals.allowed * factor
     if isinstance(box.family, Listed):
-        samples = ((place, Sample.of(place, plant, posed.hold)) for place, plant in box.family.plants)
-        return [
-            place
-            for place, sample in samples
-            if sample.peaks(sample.table(instants, posed.sloped) @ levels - sample.rest, allowed)[1].max() > allowed
-        ]
-    sides = [np.linspace(float(a.low), float(a.high), _fine(box)) if a.high > a.low else np.array([float(a.low)]) for a in box.axes]
-    sizes = _scan(box, posed).sizes(command, PERIODS, allowed).reshape([len(side) for side in sides])
-    near = [at for at in np.ndindex(*sizes.shape) if sizes[at] > NEARLY * allowed and sizes[at] >= _around(sizes, at).max()]
-    near.sort(key=lambda at: -sizes[at])
-    tops = (_top(box, posed, command, allowed, np.array([side[i] for side, i in zip(sides, at, strict=True)])) for at in near[:TOPS])
-    return [place for place, size in tops if size > allowed]
+        return _worst_listed(posed, box.family, instants, levels, factor)
+    command, found = Staircase.of(instants, levels, posed.hold, posed.sloped), []
+    for measure in _measures(box.family, posed, command, factor):
+        sides = [np.linspace(float(a.low), float(a.high), _fine(box)) if a.high > a.low else np.array([float(a.low)]) for a in box.axes]
+        sizes = measure(np.array(list(itertools.product(*sides)))).reshape([len(side) for side in sides])
+        near = [at for at in np.ndindex(*sizes.shape) if sizes[at] > NEARLY * factor and sizes[at] >= _around(sizes, at).max()]
+        near.sort(key=lambda at: -sizes[at])
+        tops = (_top(box, measure, np.array([side[i] for side, i in zip(sides, at, strict=True)])) for at in near[:TOPS])
+        found += [place for place, size in tops if size > factor]
+    return found
+
+
+def _worst_listed(posed: Problem, family: Listed, instants: Reals, levels: Reals, factor: float) -> list[Place]:
+    """The plants of a list in which something exceeds `factor` times what is allowed."""
+    box = posed.maneuver.box
+    assert box is not None
+    whole = problem(posed.plants, replace(posed.maneuver, box=replace(box, samples=family.places)))
+    assert whole.residuals is not None
+    over = {
+        sample.place
+        for sample in whole.residuals.samples
+        if sample.peaks(sample.table(instants, posed.sloped) @ levels - sample.rest, factor)[1].max() > factor
+    }
+    for course in whole.courses:
+        if course.place is not None and len(course.exceeded(instants, levels, factor * course.limit, posed.sloped)):
+            over.add(course.place)
+    return [place for place in family.places if place in over]
+
+
+def _measures(family: Family, posed: Problem, command: Staircase, factor: float) -> list[Callable[[Reals], Reals]]:
+    """What is limited, as multiples of its limits at places (k, parameters): the residual, and each output."""
+    residuals, limits = posed.residuals, posed.maneuver.limits.deflection
+    assert residuals is not None
+    allowed, moment = residuals.allowed, float(moved(posed.plants[0], posed.maneuver.displacement))
+
+    def left(places: Reals) -> Reals:
+        return _scan(family, posed.size, places).sizes(command, PERIODS, allowed * factor) / allowed
+
+    def gone(name: str, limit: float) -> Callable[[Reals], Reals]:
+        return lambda places: Excursions.of(family, posed.size, places, name).sizes(command, PERIODS, moment) / limit
+
+    return [left, *(gone(name, float(limit)) for name, limit in limits.items())]
 
 
 def _fine(box: Box) -> int:
@@ -205,23 +248,20 @@ def _fine(box: Box) -> int:
 
 
 @lru_cache(maxsize=4)
-def _scanned(family: Family, rigid: int, sides: tuple[tuple[float, float], ...], count: int) -> Scan:
-    values = [np.linspace(low, high, count) if high > low else np.array([low]) for low, high in sides]
-    return Scan.of(family, rigid, np.array(list(itertools.product(*values))))
+def _scanned(family: Family, rigid: int, places: bytes, parameters: int) -> Scan:
+    return Scan.of(family, rigid, np.frombuffer(places).reshape(-1, parameters))
 
 
-def _scan(box: Box, posed: Problem) -> Scan:
-    assert isinstance(box.family, Family)
-    return _scanned(box.family, posed.size, tuple((float(a.low), float(a.high)) for a in box.axes), _fine(box))
+def _scan(family: Family, rigid: int, places: Reals) -> Scan:
+    return _scanned(family, rigid, places.tobytes(), places.shape[1]) if len(places) > FEW else Scan.of(family, rigid, places)
 
 
 def _around(sizes: Reals, at: tuple[int, ...]) -> Reals:
     return sizes[tuple(slice(max(i - 1, 0), i + 2) for i in at)]
 
 
-def _top(box: Box, posed: Problem, command: Staircase, allowed: float, start: Reals) -> tuple[Place, float]:
-    """The local maximum of the residual near a place, and its size, by grids that shrink around the best place so far."""
-    assert isinstance(box.family, Family)
+def _top(box: Box, measure: Callable[[Reals], Reals], start: Reals) -> tuple[Place, float]:
+    """The local maximum of a measure near a place, and its size, by grids that shrink around the best place so far."""
     low, high = (np.array([float(side) for side in sides]) for sides in zip(*((a.low, a.high) for a in box.axes), strict=True))
     count, width, best, size = NEARER.get(len(box.axes), 3), (high - low) / (_fine(box) - 1), start, 0.0
     for _ in range(ZOOMS):
@@ -230,7 +270,7 @@ def _top(box: Box, posed: Problem, command: Staircase, allowed: float, start: Re
             for x, w, a, b in zip(best, width, low, high, strict=True)
         ]
         places = np.array([*itertools.product(*values), best])
-        sizes = Scan.of(box.family, posed.size, places).sizes(command, PERIODS, allowed)
+        sizes = measure(places)
         best, size = places[int(np.argmax(sizes))], float(sizes.max())
         width = width / SHRUNK
     shares = (round(float(s) * 2**24) for s in (best - low) / np.where(high > low, high - low, 1.0))

@@ -54,7 +54,7 @@ def worst_residual(posed: Problem, command: Command) -> WorstResidual | None:
     levels = np.array([segment.level for segment in command.segments]) - posed.rest
     sizes = []
     for place in worst_places(posed, instants, levels, 0.0) or [box.nominal]:
-        sample = Sample.of(place, box.family.member(place), posed.hold)
+        sample = Sample.of(place, box.family.member(place), posed.hold, (1.0, 1.0))
         sizes.append(float(sample.peaks(sample.table(instants) @ levels - sample.rest)[1].max()))
     found = max(sizes) / abs(float(posed.maneuver.displacement))
     for above in ABOVE:

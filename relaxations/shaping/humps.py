@@ -46,6 +46,7 @@ MOST_ROUNDED = 0.5  # of a tolerance, that is given up for it
 PLAIN = 1e-3  # tolerances from here on are solved in doubles where that goes
 SPREAD = 0.25  # of √(1 - ζ²)/(mπ): so close to each other zeros are in Chebyshev's pattern
 LONGER = 2  # times as long as with derivatives: impulses 1, -1, 1 … are made no longer
+CLOSER = (1, 8, 8)  # times closer zeros that are tried, each time
 MERGED = 0.05  # phase between the last two impulses from which they are made one
 BITS = 128
 
@@ -108,8 +109,11 @@ def unity_magnitude(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
         if first > arb(aim) / 2:
             first, spread = arb(aim) / 2, spread * (arb(aim) / 2 / first).root(zeros)
         end = _spread(ripples, phases, [], spread, first, aim, LONGER * phases[0])
-        if not (end.goal or end.end):
-            raise SolverError(_lost(humps, tolerance, end))
+        if not (end.goal or end.end):  # as far as it could be followed: these humps keep the tolerance all the more
+            exact = solved(ripples, [*end.x, end.w], None, CLOSED)
+            if exact is None or not _proper(ripples, exact[:-1]):
+                raise SolverError(_lost(humps, tolerance, end))
+            end = Point(exact[:-1], end.w, False)
         return _humped(mode, ripples, end)
 
 
@@ -125,7 +129,7 @@ def unity_phases(damping: float, derivatives: int) -> Vector:
     if damping and start is not None:
         end = followed(system, start[:-1], arb(0), arb(damping), _ordered)
     if end is None or not end.goal:
-        raise SolverError(f"impulses 1, -1, 1 … with {derivatives} derivative(s) were not found at damping {damping!r}")
+        raise SolverError(f"impulses 1, -1, 1 … with {derivatives} derivative(s) were not found at damping {damping!r}; fewer are possible")
     return [*end.x, arb(0)]
 
 
@@ -182,16 +186,20 @@ def _first_ripple(mode: Mode, zeros: int, aim: float) -> tuple[float, float]:
 
 def _spread(ripples: Ripples, phases: Vector, amplitudes: Vector, spread: arb, first: arb, aim: float, most: arb | None = None) -> Point:
     """From the multiple zero to humps of V = `first`, and from them as far as to V = `aim`."""
-    m = ripples.middle + 1
-    places = [1 - spread * (k * arb.pi() / (2 * m)).cos() for k in range(1, 2 * m)]
-    apart = solved(lambda x, w: ripples.apart(x, w, places), [*phases[:-1], *amplitudes, arb(0)], None, CLOSE)
-    end = None
-    if apart is not None:
-        n = ripples.impulses
-        start = ripples.unknowns([*apart[: n - 1], arb(0)], apart[n - 1 : -1], places)
-        end = followed(ripples, start, first.log(), arb(aim).log(), lambda x: _proper(ripples, x), most)
+    m, n, end = ripples.middle + 1, ripples.impulses, None
+    for closer in CLOSER:
+        spread, first = spread / closer, first / closer**m
+        places = [1 - spread * (k * arb.pi() / (2 * m)).cos() for k in range(1, 2 * m)]
+        apart = solved(lambda x, w, places=places: ripples.apart(x, w, places), [*phases[:-1], *amplitudes, arb(0)], None, CLOSE)
+        if apart is not None:
+            start = ripples.unknowns([*apart[: n - 1], arb(0)], apart[n - 1 : -1], places)
+            end = followed(ripples, start, first.log(), arb(aim).log(), lambda x: _proper(ripples, x), most)
+        if end is not None:
+            break
     if end is None:
-        raise SolverError(f"zeros near {m - 1} derivative(s) at damping {float(ripples.damping)!r} were not found")
+        raise SolverError(
+            f"zeros near {m - 1} derivative(s) at damping {float(ripples.damping)!r} were not found; fewer humps are possible, and si"
+        )
     return end
 
 

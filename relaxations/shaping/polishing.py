@@ -75,7 +75,7 @@ def apart(demands: Sequence[Demand], columns: Complexes) -> Complexes:
     """
     whole = np.eye(len(demands), dtype=np.complex128)
     exact = [i for i, d in enumerate(demands) if not d.tolerance]
-    if len(exact) > 1:
+    if 1 < len(exact) <= columns.shape[1]:
         _, triangle = np.linalg.qr(columns[exact].conj().T)
         triangle = triangle / math.sqrt(columns.shape[1])
         sizes = np.linalg.svd(triangle, compute_uv=False)

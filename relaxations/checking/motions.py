@@ -1,0 +1,175 @@
+"""What the plants of a box do after a command, `r(τ) = Re Σ Z_j e^{p_j τ}`: motions Z_j at places, along lines and over cells, as series.
+
+The kicks are the jumps of the input, or of its slope where it is continuous. Over a cell a function of the place is known to third order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement, pairwise
+from typing import Any
+
+from flint import acb, acb_series, arb, fmpq
+
+from relaxations.checking.balls import Root, System, Wave, spend
+from relaxations.checking.families import Line, Moved, Written, over
+from relaxations.checking.members import Numbers
+
+Way = tuple[int, ...]  # the parameters that grow along it; of the lines through a cell none
+
+
+@dataclass(frozen=True, slots=True)
+class Kicks:
+    """Times to go and sizes of the jumps of the input (`order` 1), or of its slope (2)."""
+
+    jumps: Sequence[tuple[arb, arb]]
+    order: int
+
+    @staticmethod
+    def of(system: System, command: Numbers, n: int) -> Kicks:
+        """Of a command, the last one to the final rest."""
+        instants = [*command[1 : n + 1], command[0]]
+        if system.sloped:
+            levels = [*command[n + 1 : 2 * n + 1], system.rest]
+            slopes = [arb(b - a) / arb(t - s) for (s, t), (a, b) in zip(pairwise(instants), pairwise(levels), strict=True)]
+            changes = [after - before for before, after in pairwise([arb(0), *slopes, arb(0)])]
+        else:
+            changes = [arb(after - before) for before, after in pairwise([fmpq(0), *command[n + 1 : 2 * n + 1], system.rest])]
+        return Kicks([(arb(command[0] - at), change) for at, change in zip(instants, changes, strict=True)], 1 + system.sloped)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Poles p_j and motions Z_j along a line of places, as series."""
+
+    poles: list[acb_series]
+    sizes: list[acb_series]
+
+    def course(self, span: arb) -> acb_series:
+        """`Σ Z_j e^{p_j τ}` for the instants of a ball."""
+        spend(8 * len(self.poles))
+        return sum((size * (pole * span).exp() for pole, size in zip(self.poles, self.sizes, strict=True)), acb_series([0]))
+
+
+def motion(plants: Written | Moved, kicks: Kicks, line: Line, starts: Sequence[acb], flexible: Sequence[bool]) -> Motion:
+    """The motions after the command, all over the balls of the line and of the poles that it begins with."""
+    poles, sizes = plants.poles(line, starts), []
+    for pole, weight, pair in zip(poles, plants.weights(line, poles), flexible, strict=True):
+        spend(6 * len(kicks.jumps))
+        shaken = sum(((pole * s).exp() * jump for s, jump in kicks.jumps), acb_series([0]))
+        sizes.append((1 + pair) * over(weight, pole**kicks.order) * shaken)
+    return Motion(poles, sizes)
+
+
+@dataclass(frozen=True, slots=True)
+class Around:
+    """Motions about the centre c of a cell: a function f of the place obeys there, with the half widths ρ of the cell,
+
+        |f - f(c)| ≤ Σ_q |∂_q f(c)| ρ_q + Σ_q |∂_qq f(c)|/2 ρ_q² + Σ_{q<k} |∂_qk f(c)| ρ_q ρ_k + |f_3|,
+
+    where f_3 is the third term of f along any line through any place of the cell, in directions within ±ρ (Taylor's formula).
+    """
+
+    ways: dict[tuple[int, int], Motion]  # from the centre, along a parameter (q, q) or two of them at once
+    whole: Motion
+    radii: Sequence[arb]
+
+    @staticmethod
+    def of(plants: Written | Moved, kicks: Kicks, cell: Numbers, centre: Numbers, radii: Sequence[arb], poles: Any) -> Around:
+        """All motions of a cell."""
+        points, balls, flexible = poles
+        wide = [q for q, radius in enumerate(radii) if not radius.is_zero()]
+        if not wide:  # one plant, at an exact place
+            alone = motion(plants, kicks, centre, points, flexible)
+            return Around({(0, 0): alone}, alone, radii)
+        ways = {}
+        for q, k in combinations_with_replacement(wide, 2):
+            line = [acb_series([x, int(i in (q, k))]) for i, x in enumerate(centre)]
+            ways[q, k] = motion(plants, kicks, line, points, flexible)
+        whole = [acb_series([x, arb(0, radius.upper())]) for x, radius in zip(cell, radii, strict=True)]
+        return Around(ways, motion(plants, kicks, whole, balls, flexible), radii)
+
+    @property
+    def middle(self) -> Motion:
+        """At the centre, along some way."""
+        return next(iter(self.ways.values()))
+
+    def terms(self, along: Callable[[Way, Motion], acb_series]) -> tuple[list[acb], arb]:
+        """The terms of Taylor's formula about the centre, at most: derivatives times half widths, in a fixed order; and |f_3|."""
+        lines, found = {way: along(way, motion) for way, motion in self.ways.items()}, []
+        for (q, k), own in lines.items():
+            if q == k:
+                found += [own[1] * self.radii[q], own[2] * self.radii[q] ** 2]
+            else:
+                found.append((own[2] - lines[q, q][2] - lines[k, k][2]) * self.radii[q] * self.radii[k])
+        return found, abs(along((), self.whole)[3])
+
+    def drift(self, span: arb) -> arb:
+        """How far r(τ) is from what it is at the centre, in the cell, for the instants of a ball."""
+        terms, last = self.terms(lambda _, motion: motion.course(span))
+        return sum((abs(term.real) for term in terms), last)
+
+    def moduli(self) -> tuple[arb, list[arb]]:
+        """`Σ |Z_j|` over the cell, and each by itself, at most.
+
+        With the real part x_j and the imaginary part y_j of `Z_j e^{-j(α_j + β_j (θ - c))}`, where y_j and its slopes are 0 at the centre,
+        |Z_j| ≤ x_j + y_j²/(2 x_j). Of the x_j the terms at the centre are summed before their sizes are taken.
+        """
+        bound, each, together = arb(0), [], [acb(0)] * len(self.terms(lambda _, motion: motion.poles[0])[0])
+        for j, size in enumerate(self.middle.sizes):
+            start, (terms, last) = size[0], self.terms(lambda _, motion, j=j: motion.sizes[j])
+            each.append(sum((abs(term) for term in terms), abs(start) + last))
+            if not 3 * abs(start) > 2 * each[j]:  # so near 0 it has no direction
+                bound += each[j]
+                continue
+            turn, rates = start.conjugate() / abs(start), [arb(0)] * len(self.radii)
+            for q, _ in self.ways:
+                rates[q] = (self.ways[q, q].sizes[j][1] / start).imag.mid()
+
+            def turned(way: Way, motion: Motion, j: int = j, turn: acb = turn, rates: list[arb] = rates) -> acb_series:
+                speeds = [rates[q] for q in set(way)] if way else [b * arb(0, r.upper()) for b, r in zip(rates, self.radii, strict=True)]
+                return motion.sizes[j] * turn * acb_series([0, acb(0, -sum(speeds, arb(0)))]).exp()
+
+            terms, last = self.terms(turned)
+            x, y = (sum((abs(part) for part in parts), last) for parts in ([t.real for t in terms], [t.imag for t in terms]))
+            if abs(start) - x > 0:
+                across = y * y / (2 * (abs(start) - x))
+                each[j], bound = abs(start) + x + across, bound + abs(start) + last + across
+                together = [one + other for one, other in zip(together, terms, strict=True)]
+            else:
+                bound += each[j]
+        return bound + sum((abs(term.real) for term in together), arb(0)), each
+
+
+def in_time(around: Around, sizes: Sequence[arb], flexible: Sequence[bool], below: arb, above: arb) -> bool | None:
+    """Whether -below ≤ r(τ) ≤ above: at the centre by Taylor's formula in τ, elsewhere as `Around` says, far away by the envelope.
+
+    None if it is more at an instant of the plant at the centre.
+    """
+    middle, whole = around.middle, around.whole
+    roots = tuple(Root(p[0] if pair else acb(p[0].real), 1) for p, pair in zip(middle.poles, flexible, strict=True))
+    wave = Wave.of(roots, [part for z, pair in zip(middle.sizes, flexible, strict=True) for part in (z[0].real, z[0].imag)[: 1 + pair]])
+    far, quick = max((1 / abs(p[0])).upper() for p in whole.poles), min((1 / abs(p[0])).lower() for p in middle.poles)
+    while not sum((size * (p[0].real * far).exp() for size, p in zip(sizes, whole.poles, strict=True)), arb(0)) <= below.min(above):
+        far = (far * 5 / 4).mid()
+        if far > 1e4 * quick:
+            return False
+    count = int(float(far / quick)) + 1
+    waiting = [(far * k / count, far * (k + 1) / count) for k in range(count)]
+    for _ in range(400 + 4 * count):
+        if not waiting:
+            return True
+        a, b = waiting.pop()
+        c, value, _, values = wave.over(a, b)
+        span = a.union(b)
+        drift = around.drift(span)
+        if values + drift <= above and values - drift >= -below:
+            continue
+        if value > above or value < -below:
+            return None
+        drift = around.drift(c)
+        if not (a < c < b and value + drift <= above and value - drift >= -below):
+            return False  # at this instant, which a shorter piece would not help
+        waiting += [(a, c), (c, b)]
+    return False

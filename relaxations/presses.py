@@ -1,0 +1,185 @@
+"""Prices of limits on named outputs in the course of the move, and what they take off the costate's function p(s).
+
+A limit `|y(t)| ≤ d` that is priced ν over the times to go [begin, end] takes `ν/(end - begin) ∫ g(s - σ) dσ` off it, g being the output's
+response to an impulse: a density, since a limit may hold for a while (../docs/theory.md, section 3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relaxations.courses import Course
+from relaxations.moments import Basis
+from relaxations.plants import Pole
+
+Reals = NDArray[np.float64]
+
+PRICED = 1e-9  # of the largest multiplier of a course: smaller ones are what an interior-point method leaves anywhere
+REACH = 2.5  # cells between two prices of a limit that holds all the while
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)  # of a multiplier that is spread over a cell
+
+
+@dataclass(frozen=True, slots=True)
+class Press:
+    """The multiplier `weight` of a limit on the output of a course, spread evenly over the times to go from `begin` to `end` [s]."""
+
+    course: Course
+    begin: float
+    end: float
+    weight: float
+
+    def freely(self, horizons: Reals) -> Reals:
+        """What it is worth that the course does not begin at rest, for moves of these durations [s]."""
+        to_go = self.begin + (self.end - self.begin) * (1.0 + NODES) / 2
+        return self.weight * (self.course.free(horizons[:, None] - to_go) @ WEIGHTS) / 2
+
+    def over(self, edges: Reals) -> Reals:
+        """What it takes off the integrals of the costate's function over cells between `edges` of times to go."""
+        if self.end == self.begin:
+            reached = self.course.basis.rows(np.maximum(edges - self.begin, 0.0), 1)
+        else:
+            reached = self.course.basis.rows(np.maximum(edges - self.begin, 0.0), 2)
+            reached = (reached - self.course.basis.rows(np.maximum(edges - self.end, 0.0), 2)) / (self.end - self.begin)
+        return self.weight * np.diff(self.course.weights @ reached)
+
+
+def presses(courses: Sequence[Course], places: Reals, multipliers: Reals, instants: Reals, spread: bool) -> tuple[Press, ...]:
+    """Multipliers (k,) of limits set to 1 at `places` (course, fraction of the move) (k, 2), `spread` over a cell, half to either side.
+
+    Where they are dense, half the distance to the next one: a limit that holds for a while is priced without gaps. An input that is
+    constant over samples needs no spreading: only the costate's integrals over these count.
+    """
+    found, horizon = [], float(instants[-1])
+    for number, course in enumerate(courses):
+        own = (places[:, 0] == number) & (np.abs(multipliers) > PRICED * np.abs(multipliers).max(initial=0.0))
+        order = np.argsort(-places[own, 1])
+        to_go, weights = horizon * (1.0 - places[own, 1][order]), multipliers[own][order]
+        weights = weights / course.limit
+        to_go, weights = _joined(to_go, weights, np.searchsorted(instants[:-1] + np.diff(instants) / 4, horizon - to_go))
+        cell = np.interp(horizon - to_go, (instants[1:] + instants[:-1]) / 2, np.diff(instants))
+        gaps = np.diff(to_go)
+        after, before = (np.where(gap <= REACH * cell, gap, cell) / 2 for gap in (np.append(gaps, np.inf), np.append(np.inf, gaps)))
+        if not spread:
+            before, after = 0.0 * before, 0.0 * after
+        found += [
+            Press(course, max(float(s - a), 0.0), float(s + b), float(weight))
+            for s, a, b, weight in zip(to_go, before, after, weights, strict=True)
+        ]
+    return tuple(found)
+
+
+def smoothed(pressed: Sequence[Press]) -> tuple[Press, ...]:
+    """Prices of a limit that holds all the while, averaged over neighbours (1, 2, 1)/4: a grid's alternate from cell to cell where its
+    command can bring an output back to its limit only in every second one. Any prices are valid."""
+    found: list[Press] = []
+    runs: list[list[Press]] = []
+    for press in sorted(pressed, key=lambda one: (one.course.name, one.course.place or (), one.begin)):
+        before = runs[-1][-1] if runs else None
+        joined = before is not None and before.course is press.course and press.begin - before.end <= 1e-9 * press.end
+        runs[-1].append(press) if joined else runs.append([press])
+    for run in runs:
+        weights = np.array([press.weight for press in run])
+        around = np.concatenate([weights[:1], weights, weights[-1:]])
+        averaged = (around[:-2] + 2 * weights + around[2:]) / 4
+        found += [replace(press, weight=float(weight)) for press, weight in zip(run, averaged, strict=True)]
+    return tuple(found)
+
+
+def _joined(to_go: Reals, weights: Reals, cells: NDArray[np.intp]) -> tuple[Reals, Reals]:
+    """Multipliers at ascending times to go, those in one cell as one: a course that is on its limit for a while has its tops anywhere."""
+    if not len(to_go):
+        return to_go, weights
+    first = np.flatnonzero(np.diff(cells, prepend=-1))
+    sizes = np.add.reduceat(np.abs(weights), first)
+    return np.add.reduceat(np.abs(weights) * to_go, first) / sizes, np.add.reduceat(weights, first)
+
+
+class _Sum:
+    """`Re Σ_p Σ_k c_pk s^k/k! e^{ps}` over all poles of several bases and 0, in floating point, to be followed along s."""
+
+    def __init__(self, bases: Sequence[Basis]) -> None:
+        orders: dict[complex, int] = {0j: 1}
+        for basis in bases:
+            for pole in basis.poles:
+                orders[pole.value] = max(orders.get(pole.value, 0), pole.multiplicity + (pole.value == 0))
+        self.basis = Basis(tuple(Pole(value, order) for value, order in orders.items()))
+        self.begins = dict(zip(orders, np.cumsum([0, *list(orders.values())[:-1]]), strict=True))
+        self.values = np.repeat(list(orders), list(orders.values()))
+        self.powers = np.concatenate([np.arange(order) for order in orders.values()])
+        self.coefficients = np.zeros(len(self.values), dtype=complex)
+        self.orders = orders
+
+    def chains(self, basis: Basis, numbers: Reals) -> NDArray[np.complex128]:
+        """The coefficients of a functional of b."""
+        found, at = np.zeros_like(self.coefficients), 0
+        for pole in basis.poles:
+            for k in range(pole.multiplicity):
+                width = 2 if pole.is_flexible else 1
+                found[self.begins[pole.value] + k] += numbers[at] - (1j * numbers[at + 1] if width == 2 else 0.0)
+                at += width
+        return found
+
+    def integrated(self, chains: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """The coefficients of its integral from 0: `S_k = (b_k - S_{k-1}) / p`, at the origin b_{k+1}."""
+        found = np.zeros_like(chains)
+        for pole, order in self.orders.items():
+            at = self.begins[pole]
+            if pole == 0:
+                found[at + 1 : at + order] += chains[at : at + order - 1]
+                continue
+            carried = 0j
+            for k in range(order - 1, -1, -1):  # Σ c_k S_k = Σ a_k b_k + a_const: a_k = (c_k - a_{k+1}) / p
+                carried = (chains[at + k] - carried) / pole
+                found[at + k] += carried
+            found[self.begins[0j]] -= carried.real
+        return found
+
+    def advance(self, distance: float) -> None:
+        """Move the origin of s."""
+        moved = np.zeros_like(self.coefficients)
+        for pole, order in self.orders.items():
+            at, factor = self.begins[pole], np.exp(pole * distance)
+            for shift in range(order):
+                moved[at : at + order - shift] += factor * self.coefficients[at + shift : at + order]
+                factor = factor * distance / (shift + 1)
+        self.coefficients = moved
+
+    def __call__(self, s: Reals) -> Reals:
+        """Values at s."""
+        flat: list[float] = []
+        for c, value in zip(self.coefficients, self.values, strict=True):
+            flat += [c.real, -c.imag] if value.imag else [c.real]
+        return np.asarray(flat) @ self.basis.rows(s)
+
+
+def sampled(bases: Sequence[Basis], costates: Sequence[Reals], pressed: Sequence[Press], points: Reals) -> Reals:
+    """p(s) at ascending `points` from 0 on: the costates' functions less what the multipliers take off."""
+    total = _Sum([*bases, *(press.course.basis for press in pressed)])
+    for basis, costate in zip(bases, costates, strict=True):
+        total.coefficients += total.chains(basis, costate)
+    kicks: list[tuple[float, NDArray[np.complex128]]] = []
+    kernels: dict[tuple[tuple[Fraction, ...] | None, str], NDArray[np.complex128]] = {}
+    for press in pressed:
+        key = press.course.place, press.course.name
+        if key not in kernels:
+            kernels[key] = total.integrated(total.chains(press.course.basis, press.course.weights))
+        rate = press.weight / (press.end - press.begin) * kernels[key]
+        kicks += [(press.begin, -rate), (press.end, rate)]
+    kicks.sort(key=lambda kick: kick[0])
+    values, at, origin = np.zeros(len(points)), 0, 0.0
+    for begin, kick in [*kicks, (np.inf, np.zeros(0))]:
+        until = int(np.searchsorted(points, begin))
+        if until > at:
+            values[at:until] = total(points[at:until] - origin)
+            at = until
+        if not begin <= points[-1]:
+            break
+        total.advance(begin - origin)
+        origin = begin
+        total.coefficients += kick
+    return values
