@@ -69,6 +69,8 @@ LIMITED: dict[str, Callable[[], Problem]] = {
     "stop": lambda: _limited([1, 0], "0", start=(1,), rate=("-4", "4")),
     "stop_limited": lambda: _limited([1, 0, 0], "2", start=(0, 1), speed="1.1"),
     "fuel_and_speed": lambda: _limited([1, 0, 0], "1", sample_time=Fraction(1, 10), speed="0.6", fuel="1"),
+    "held_slope": lambda: _limited([1, 1], "1/2", rate=("-4", "4")),
+    "held_steps": lambda: _limited([1, "0.5", 1], "1/2", rate=("-2", "2"), sample_time=Fraction(1, 4)),
     "tail_of_limited_slope": lambda: _limited([1, 0, 0], "1", rate=("-4", "4"), numerator=(1, 1)),
 }
 """Tasks with limits beyond the input's."""

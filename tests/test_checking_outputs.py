@@ -13,7 +13,7 @@ from flint import acb, arb, fmpq
 from forgery import system, task
 from scipy.linalg import companion, expm
 
-from relaxations.checking import balls, courses, ramps
+from relaxations.checking import balls, courses, ramps, upper
 from relaxations.checking.balls import Root, Wave
 from relaxations.checking.reading import Refuted, Undecided
 
@@ -297,3 +297,89 @@ def test_instants_of_multipliers_are_exact() -> None:
     assert courses.near(plant(sample_time="1/3"), third) == third
     assert isinstance(courses.near(plant(sample_time="1/3"), third), fmpq)
     assert ramps.exact(courses.near(plant(), third)).overlaps(arb(third))
+
+
+# (s + 3)² (s² + 2s + 5): a tail c₀ e^{-3r} + c₁ r e^{-3r} + Re c₂ e^{(-1+2j)r}
+TAILED = (["1", "8", "26", "48", "45"], PLANT[1])
+
+
+def tailed(**others: Any) -> Any:
+    return system(task(*TAILED, "2", rest="output", outputs=OUTPUTS, deflection=DEFLECTION, rate=["-4", "9"], **others))
+
+
+def tail_numbers(posed: Any, real: tuple[str, str], pair: tuple[str, str]) -> list[fmpq]:
+    """Coefficients in the flat order of the zeros."""
+    numbers = [x for zero in posed.zeros for x in (pair if zero.flexible else real)]
+    return [fmpq(*Fraction(x).as_integer_ratio()) for x in numbers]
+
+
+def after_the_move(output: str | None, real: tuple[str, str], pair: tuple[str, str], r: Any) -> Any:
+    """What such a tail does: its own derivative, or the output's exponential response, with the second zero's derivative by z."""
+    above, below = (
+        np.poly1d([1.0, 0.0] if output is None else [float(x) for x in side]) for side in (OUTPUTS.get(output or "", []), PLANT[1])
+    )
+    if output is None:
+        above, below = np.poly1d([1.0, 0.0]), np.poly1d([1.0])
+    gain = lambda z: above(z) / below(z)  # noqa: E731
+    slope = (above.deriv()(-3) * below(-3) - above(-3) * below.deriv()(-3)) / below(-3) ** 2
+    first, second = (float(x) for x in real)
+    z, c = -1 + 2j, complex(*(float(x) for x in pair))
+    return (gain(-3) * (first + second * r) + slope * second) * np.exp(-3 * r) + (gain(z) * c * np.exp(z * r)).real
+
+
+@pytest.mark.parametrize("output", [None, *OUTPUTS])
+def test_what_a_tail_does_after_the_move(output: str | None) -> None:
+    posed, real, pair = tailed(), ("0.5", "-2"), ("0.25", "1.5")
+    answer, above, below = posed.after(output)
+    numbers, total = iter(tail_numbers(posed, real, pair)), [arb(0)] * 3
+    times = (0.0, 0.4, 1.5)
+    for zero in posed.zeros:
+        chain = answer([acb(next(numbers), next(numbers) if zero.flexible else 0) for _ in range(zero.multiplicity)], zero)
+        for i, r in enumerate(times):
+            total[i] += sum((c * b for c, b in zip(chain, zero.impulse(arb(r)), strict=True)), acb(0)).real
+    for r, found in zip(times, total, strict=True):
+        assert float(found.mid()) == pytest.approx(after_the_move(output, real, pair, r), abs=1e-12)
+    if output is None:
+        assert (above, below) == (9, 4)
+    else:  # rests at 2 N(0)/45
+        rest = 2 * exactly(OUTPUTS[output][-1]) / 45
+        assert (above, below) == (50 - rest, 50 + rest)
+
+
+def exactly(x: str) -> fmpq:
+    return fmpq(*Fraction(x).as_integer_ratio())
+
+
+def test_the_controlled_output_is_not_moved_by_a_tail() -> None:
+    posed = system(task(*TAILED, "2", rest="output", outputs={"y": TAILED[0]}, deflection={"y": "50"}))
+    answer, above, below = posed.after("y")
+    assert [answer([acb(3)] * zero.multiplicity, zero) == [acb(0)] * zero.multiplicity for zero in posed.zeros] == [True, True]
+    assert (above, below) == (48, 52)
+
+
+@pytest.mark.parametrize(("output", "real", "pair"), [
+    (None, ("0.5", "-2"), ("0.25", "1.5")), (None, ("-0.5", "2"), ("0", "-1")), (None, ("0", "0"), ("0.5", "0.5")),
+    ("speed", ("0.5", "-2"), ("0.25", "1.5")), ("sway", ("-2", "2"), ("0.5", "-1.5")),
+])  # fmt: skip
+def test_a_tail_keeps_slopes_and_outputs_within_their_limits(output: str | None, real: tuple[str, str], pair: tuple[str, str]) -> None:
+    """A limit a thousandth beyond the farthest point of a dense grid is proven, one a thousandth below it refuted, on either side."""
+    course = after_the_move(output, real, pair, np.linspace(0, 12, 200_001))
+    for factor, expected in ((1.001, "proved"), (0.999, "Refuted")):
+        if output is None:
+            low, high = (
+                str(Fraction(side * factor).limit_denominator(10**9)) for side in (min(course.min(), -1e-3), max(course.max(), 1e-3))
+            )
+            sides = [(low, "1000"), ("-1000", high)]
+            tasks = [task(*TAILED, "2", rest="output", rate=[*side], limits=("-1000", "1000")) for side in sides]
+        else:
+            rest = 2 * float(OUTPUTS[output][-1]) / 45
+            farthest = max((course + rest).max(), -(course + rest).min())
+            limit = str(Fraction(farthest * factor).limit_denominator(10**9))
+            if float(Fraction(limit)) < abs(rest):
+                continue
+            outputs = {"outputs": {output: OUTPUTS[output]}, "deflection": {output: limit}}
+            tasks = [task(*TAILED, "2", rest="output", limits=("-1000", "1000"), **outputs)]
+        for of in tasks:
+            posed = system(of)
+            numbers = tail_numbers(posed, real, pair)
+            assert outcome(upper.tail_limits, posed, 0, [fmpq(1), *numbers]) == expected, (of["limits"], expected)

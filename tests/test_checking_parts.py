@@ -110,9 +110,11 @@ def test_the_horizon_may_be_any_fraction() -> None:
 # The parts.
 
 
-def test_the_jacobian_is_the_residuals_derivative() -> None:
+@pytest.mark.parametrize("start", [None, ["1", "-0.5", "2", "0.25", "-1"]])
+def test_the_jacobian_is_the_residuals_derivative(start: list[str] | None) -> None:
     """Over a box: the mean value theorem holds between any two of its points (a wrong column would prove what does not exist)."""
-    posed = task(["1", "5", "6"], ["1", "1", "1", "1", "0", "0"], rest="output", zeros={"mode[1]": 1, "real[1]": 1})
+    others: dict[str, Any] = {"zeros": {"mode[1]": 1, "real[1]": 1}} if start is None else {"initial_state": start}
+    posed = task(["1", "5", "6"], ["1", "1", "1", "1", "0", "0"], rest="output", **others)
     plant = system(posed)
     with _bits(128):
         n, step = 3, fmpq(1, 1000)

@@ -12,10 +12,11 @@ import flint
 import numpy as np
 import pytest
 from flint import acb, arb, fmpq
-from forgery import system, task
+from forgery import certificate, command, system, task
 
 from relaxations.checking import balls, courses, lower, ramps, upper
 from relaxations.checking.balls import Root
+from relaxations.checking.claims import Outcome, check
 from relaxations.checking.reading import Refuted, Undecided
 
 RIGID = task(["1", "5", "11", "15"], ["1", "1.2", "4.2", "4", "0", "0"], "2", rest="output", rate=["-4", "4"])  # (s + 3)(s² + 2s + 5)
@@ -251,3 +252,12 @@ def test_levels_and_edges() -> None:
     assert ramps.exact(fmpq(1, 2)) == arb("0.5")
     with pytest.raises(Undecided):
         ramps.exact(fmpq(1, 3))
+
+
+@pytest.mark.parametrize(("fuel", "expected"), [("2.4251", Outcome.PROVED), ("2.4249", Outcome.REFUTED)])
+def test_the_fuel_of_a_command_of_straight_pieces(fuel: str, expected: Outcome) -> None:
+    """1/s: up to 1, held, down to -1/2, held, back: areas of 0.5 + 1.5 + 0.2 above 0, of 0.05 + 0.05 + 0.125 below."""
+    posed = task(["1"], ["1", "0"], "1.975", rate=["-4", "4"], fuel=fuel, limits=("-2", "2"))
+    nodes = [("0", "0"), ("1", "1"), ("2.5", "1"), ("3.1", "-0.5"), ("3.2", "-0.5")]
+    witness = command("3.7", nodes, [["level", 1, 0]])
+    assert check(certificate(posed, upper="3.7", witnesses=(None, witness))).outcome is expected
