@@ -261,7 +261,10 @@ def _witnesses(problem: Problem, levels: Sequence[Fraction], duration: Number, s
     largest = max((abs(float(c)) for c in tail), default=0.0) or 1.0
     drift = float(duration) * problem.aim(np.array([float(duration)]))[1]
     columns = np.hstack([slopes.sum(axis=1, keepdims=True) - drift, slopes[:, 1:], -problem.tail.columns * largest])
-    columns /= np.abs(columns).max(axis=1)[:, None]
+    sizes = np.abs(columns).max(axis=1)
+    if not (sizes > 0).all() or not np.isfinite(sizes).all():
+        return  # moments beyond what doubles hold: e^{ps} of a fast pole is 0 where it would count
+    columns /= sizes[:, None]
     free = [names[i] for i in np.sort(pivots(columns)[:size])]
     finest = min(RADII[0], SMALL / problem.frame.condition) if problem.frame else RADII[0]
     for radius in (finest, *RADII[1:]) if isinstance(duration, Fraction) else RADII[2:]:
