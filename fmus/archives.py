@@ -22,6 +22,9 @@ MAX_TWIN = 2**20  # bytes
 DAMAGED = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, NotImplementedError, EOFError)
 """What reading a member of a damaged archive raises."""
 MAX_MEMBERS = 100_000
+MAX_COMPONENT = 255  # bytes of a file's name: what file systems take
+MAX_NAME = 2048  # bytes of a member's whole name, which lies in a folder of this machine: paths end at 4096
+MAX_DEPTH = 100  # folders inside each other
 MAX_RATIO = 200  # C sources and XML pack 5 to 20 times, tables of zeros up to 1000: only large archives are refused for it
 RATIO_FREE = 2**26  # bytes unpacked below which the ratio does not matter
 IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
@@ -193,6 +196,16 @@ def _check_name(info: zipfile.ZipInfo, path: Path) -> None:
         parts = name.rstrip("/").split("/")
         if not name or "\\" in name or "\0" in name or ":" in parts[0] or any(p in ("", ".", "..") for p in parts):
             raise ArchiveError(f"{path}: the member name {name!r} could lead outside the folder that it is unpacked to")
+        lengths = [len(part.encode(errors="surrogatepass")) for part in parts]
+        if max(lengths) > MAX_COMPONENT or sum(lengths) + len(parts) - 1 > MAX_NAME or len(parts) > MAX_DEPTH:
+            raise ArchiveError(
+                f"{path}: the member name {_short(name)} is too long or too deep to be unpacked: at most {MAX_COMPONENT} bytes for a file "
+                f"or folder, {MAX_NAME} bytes in all and {MAX_DEPTH} levels are accepted"
+            )
+
+
+def _short(name: str) -> str:
+    return repr(name) if len(name) <= 80 else f"{name[:60]!r}… ({len(name)} characters)"
 
 
 def _platforms(members: dict[str, zipfile.ZipInfo]) -> tuple[str, ...]:

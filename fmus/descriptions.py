@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from fmus.errors import DescriptionError
-from fmus.markup import read_markup
-from fmus.variables import NUMBER_TYPES, DisplayUnit, Unit, Value, Variable, element_indices
+from fmus.markup import one_line, read_markup
+from fmus.variables import NUMBER_TYPES, DisplayUnit, Unit, Value, Variable, element_indices, require_elements, require_in_all
 
 if TYPE_CHECKING:
     from fmus.instances import ModelDescription, ModelVariable, RawUnit
 
 INTERFACES = ("CoSimulation", "ModelExchange", "ScheduledExecution")
+FMI3 = re.compile(r"3\.\d+(\.\d+)?", re.ASCII)
+"""Versions of FMI 3; one with a hyphen, such as 3.0-beta.2, is preliminary, and its functions differ."""
 SETTABLE = ("parameter", "structuralParameter", "input")
 """Causalities of what a study may set before a run."""
 
@@ -109,8 +112,10 @@ class Description:
         def size(dimension: int | str) -> int:
             return dimension if isinstance(dimension, int) else int(float(sizes[dimension] or 0.0))
 
+        shapes = [tuple(map(size, v.dimensions)) for v in self.variables]
+        require_in_all(sum(require_elements(v.name, shape) for v, shape in zip(self.variables, shapes, strict=True) if shape))
         variables = (replace(v, start=changed[v.name]) if v.name in changed else v for v in self.variables)
-        return replace(self, variables=tuple(v.resized(tuple(map(size, v.dimensions))) for v in variables))
+        return replace(self, variables=tuple(v.resized(shape) for v, shape in zip(variables, shapes, strict=True)))
 
     def find(self, name: str, causality: str | None = None) -> Variable:
         """The variable of that name, or an array's element ("x[2]", "A[1,3]", counted from 1).
@@ -203,9 +208,10 @@ def read_description(xml: bytes) -> Description:
     cs, me = raw.coSimulation, raw.modelExchange
     either = cs or me
     if either is None:
-        tool = raw.generationTool or "its tool"
+        tool = one_line(raw.generationTool or "its tool")
         raise DescriptionError(
-            f"{raw.modelName} offers scheduled execution only; Co-Simulation or Model Exchange is needed: export it anew from {tool}"
+            f"{one_line(raw.modelName or 'this FMU')} offers scheduled execution only; Co-Simulation or Model Exchange is needed: "
+            f"export it anew from {tool}"
         )
     fixed = _number(cs.fixedInternalStepSize) if cs else None
     capabilities = Capabilities(
@@ -225,13 +231,14 @@ def read_description(xml: bytes) -> Description:
         completed_steps=bool(me and me.needsCompletedIntegratorStep),
         event_indicators=raw.numberOfEventIndicators or 0,
     )
+    require_in_all(sum(require_elements(v.name, v.shape) for v in raw.modelVariables if v.shape))  # before any of them is made
     variables = tuple(_variable(v, v.name in intermediate) for v in raw.modelVariables)
     experiment = raw.defaultExperiment
     return Description(
         fmi_version=raw.fmiVersion or "",
-        model_name=raw.modelName or "",
+        model_name=one_line(raw.modelName or ""),
         guid=raw.guid or "",
-        tool=raw.generationTool or "",
+        tool=one_line(raw.generationTool or ""),
         variables=variables,
         capabilities=capabilities,
         default_step=_number(experiment.stepSize) if experiment else None,
@@ -340,7 +347,10 @@ def _interfaces(xml: bytes, intermediate: set[str]) -> dict[str, dict[str, str]]
 def _check_root(name: str, attributes: dict[str, str]) -> None:
     version = attributes.get("fmiVersion", "")
     if name != "fmiModelDescription":
-        raise DescriptionError(f"modelDescription.xml starts with <{name}>, not <fmiModelDescription>")
-    if version != "2.0" and not version.startswith("3."):
-        model, tool = attributes.get("modelName", "this FMU"), attributes.get("generationTool", "its tool")
-        raise DescriptionError(f"FMI version {version or 'missing'} is not supported; 2.0 and 3.0 are: export {model} anew from {tool}")
+        raise DescriptionError(f"modelDescription.xml starts with <{one_line(name)}>, not <fmiModelDescription>")
+    model, tool = (one_line(attributes.get(key, other)) for key, other in (("modelName", "this FMU"), ("generationTool", "its tool")))
+    if version != "2.0" and not FMI3.fullmatch(version):
+        early = ", a preliminary version of the standard," if version.startswith("3.") else ""
+        raise DescriptionError(
+            f"FMI version {one_line(version) or 'missing'}{early} is not supported; 2.0 and 3.0 are: export {model} anew from {tool}"
+        )

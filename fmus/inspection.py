@@ -12,7 +12,7 @@ from fmus.descriptions import Description
 from fmus.errors import ArchiveError, FmuError, LibraryError
 from fmus.libraries import Library, read_libraries
 from fmus.terminals import TERMINALS, Terminal, read_terminals
-from fmus.variables import NUMBER_TYPES, REAL_TYPES
+from fmus.variables import NUMBER_TYPES, REAL_TYPES, Variable
 
 MOST_NAMED = 6  # variables that one finding names
 LARGEST_TERMINALS = 2**24  # bytes
@@ -197,6 +197,9 @@ def _offers(has: Description, attribute: str) -> bool:
 
 
 def _variables(has: Description) -> Iterator[str]:
+    astray = list(filter(None, map(_astray, has.variables)))
+    if astray:
+        yield f"start values outside the FMU's own limits: {_listed(astray)}"
     deaf = [v.name for v in has.variables if v.causality == "input" and v.type not in NUMBER_TYPES]
     if deaf:
         yield f"inputs that are no numbers keep their start values: {_listed(deaf)}"
@@ -206,6 +209,17 @@ def _variables(has: Description) -> Iterator[str]:
     structural = has.names("structuralParameter")
     if structural:
         yield f"sizes of arrays are set by structural parameters: {_listed(structural)}"
+
+
+def _astray(v: Variable) -> str:
+    """A start value beyond the variable's own minimum or maximum, in words; empty if there is none."""
+    starts = v.starts or ((v.start,) if isinstance(v.start, float) and v.type in NUMBER_TYPES else ())
+    for start in starts:
+        if v.minimum is not None and start < v.minimum:
+            return f"{v.name} = {start:g} (at least {v.minimum:g})"
+        if v.maximum is not None and start > v.maximum:
+            return f"{v.name} = {start:g} (at most {v.maximum:g})"
+    return ""
 
 
 def _listed(names: tuple[str, ...] | list[str]) -> str:

@@ -42,6 +42,8 @@ def parse_description(xml: bytes) -> ModelDescription:
 
     from fmpy.model_description import ValidationError, read_model_description
 
+    from fmus.markup import one_line
+
     # The parser reads zip files. One made here shows it this document only, not the rest of an untrusted archive.
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w") as file:
@@ -49,9 +51,9 @@ def parse_description(xml: bytes) -> ModelDescription:
     try:
         return read_model_description(archive)
     except ValidationError as problem:
-        raise DescriptionError("modelDescription.xml is not valid: " + "; ".join(map(str, problem.problems))) from None
+        raise DescriptionError(one_line("modelDescription.xml is not valid: " + "; ".join(map(str, problem.problems)))) from None
     except Exception as problem:  # noqa: BLE001 - the parser raises bare exceptions for what the schema does not catch
-        raise DescriptionError(f"modelDescription.xml cannot be used: {type(problem).__name__}: {problem}") from None
+        raise DescriptionError(one_line(f"modelDescription.xml cannot be used: {type(problem).__name__}: {problem}")) from None
 
 
 MOST_ITERATIONS = 100  # of one event

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Callable
 from xml.parsers import expat
 
@@ -11,6 +12,11 @@ DEEPEST = 200  # elements inside each other: descriptions are flat, and a parser
 
 Start = Callable[[str, dict[str, str], int], None]
 """Called for each element with its name, its attributes and how deep it lies, 0 for the root."""
+
+
+def one_line(text: str) -> str:
+    """A stranger's text for a message: line breaks and control characters, which could forge lines, become replacement characters."""
+    return "".join("\ufffd" if unicodedata.category(c)[0] == "C" or c in "\u2028\u2029" else c for c in text)
 
 
 def read_markup(xml: bytes, name: str, start: Start, end: Callable[[str], None] = lambda name: None) -> None:

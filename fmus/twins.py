@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,6 +33,8 @@ Value = Fraction | Decimal | float | str
 
 LONGEST_EXPRESSION = 1000  # characters; a twin may come out of a stranger's FMU
 LARGEST_POWER = 16
+LARGEST_EXPONENT = 1000  # of ten, in a decimal: doubles end at 308, and all digits of an exact number are written out
+EXPONENT = re.compile(r"[eE]([-+]?[\d_]+)")
 LONGEST_NUMBER = 2**16  # bits of a numerator or denominator: squares of squares double them each time
 MOST_STATES = 400
 
@@ -223,7 +226,9 @@ def evaluate(expression: str, values: Mapping[str, N], literal: Callable[[str], 
     def visited(node: ast.expr) -> N:
         match node:
             case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
-                return literal(ast.get_source_segment(expression.strip(), node) or "")
+                digits = ast.get_source_segment(expression.strip(), node) or ""
+                _check_exponent(digits)
+                return literal(digits)
             case ast.Name(id=name):
                 if name in values:
                     return values[name]
@@ -281,7 +286,22 @@ def _exact(path: str, value: object) -> Fraction:
         usable = False
     try:
         if usable:
-            return Fraction(value)  # type: ignore[arg-type]
+            return _fraction(value)  # type: ignore[arg-type]
+    except DescriptionError as problem:
+        raise DescriptionError(f"{path}: {problem}") from None
     except (ValueError, OverflowError, ZeroDivisionError):
         pass
     raise DescriptionError(f"{path} = {value!r} must be a finite number")
+
+
+def _fraction(value: Value) -> Fraction:
+    """The number exactly, of text and decimals after a look at their exponents."""
+    if isinstance(value, str | Decimal):
+        _check_exponent(str(value))
+    return Fraction(value)
+
+
+def _check_exponent(digits: str) -> None:
+    found = EXPONENT.search(digits)
+    if found and abs(int(found[1])) > LARGEST_EXPONENT:
+        raise DescriptionError(f"{digits!r} is out of range: decimals have exponents from -{LARGEST_EXPONENT} to {LARGEST_EXPONENT}")

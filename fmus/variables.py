@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from fractions import Fraction
@@ -19,7 +20,8 @@ WHOLE_TYPES = {
 }
 """The least and the greatest value of each type of whole numbers."""
 NUMBER_TYPES = (*REAL_TYPES, *WHOLE_TYPES, "Enumeration", "Boolean")
-MOST_ELEMENTS = 1_000_000  # of one array: a structural parameter may ask for any size
+MOST_ELEMENTS = 1_000_000  # of one array: descriptions and structural parameters may ask for any size
+MOST_IN_ALL = 4_000_000  # elements of all arrays: each has a name and a start value in memory
 
 Number = int | float | Decimal | Fraction
 Value = bool | int | float | Decimal | Fraction | str
@@ -121,8 +123,7 @@ class Variable:
         """The same array with another shape. Start values go along if they are all alike; else they are not known."""
         if shape == self.shape:
             return self
-        if math.prod(shape) > MOST_ELEMENTS:
-            raise DescriptionError(f"{self.name!r} would have {math.prod(shape)} elements; at most {MOST_ELEMENTS} are supported")
+        require_elements(self.name, shape)
         alike = len(set(self.starts)) == 1
         return replace(self, shape=shape, starts=self.starts[:1] * math.prod(shape) if alike else ())
 
@@ -189,6 +190,23 @@ class Variable:
             return int(value)
         names = ", ".join(f'"{name}" ({number})' for name, number in self.items[:12]) + (", …" if len(self.items) > 12 else "")
         raise DescriptionError(f"{self.name!r} is an enumeration and cannot be {_shown(value)}: valid are {names or 'none'}")
+
+
+def require_elements(name: str, shape: Sequence[int]) -> int:
+    """How many elements an array of that shape has; `DescriptionError` if these are more than `MOST_ELEMENTS`. The product stops there."""
+    count = 0 if 0 in shape else 1
+    for length in shape:
+        count *= length
+        if count > MOST_ELEMENTS:
+            shown = " × ".join(map(str, shape[:6])) + (" × …" if len(shape) > 6 else "")
+            raise DescriptionError(f"{name!r} would have {shown} elements; at most {MOST_ELEMENTS} are supported")
+    return count
+
+
+def require_in_all(count: int) -> None:
+    """`DescriptionError` if the arrays of an FMU have more than `MOST_IN_ALL` elements."""
+    if count > MOST_IN_ALL:
+        raise DescriptionError(f"its arrays have {count} elements in all; at most {MOST_IN_ALL} are supported")
 
 
 _ELEMENT = re.compile(r"(.*\S)\s*\[([\d,\s]+)\]", re.DOTALL)

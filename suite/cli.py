@@ -16,7 +16,19 @@ from suite.cli_fmus import fmus
 from suite.cli_tables import table, tradeoff
 from suite.command import AS_JSON, FAILED, INCONCLUSIVE, SANDBOX, USAGE, guarded, harmless, print_json, search_errors
 
-POSITIVE = click.FloatRange(0.0, 1e150, min_open=True)
+
+class _Positive(click.FloatRange):
+    """A finite number above 0; a range of numbers alone lets nan pass."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number."""
+        number = super().convert(value, param, ctx)
+        if number != number:
+            self.fail(f"{value!r} is no number; valid are numbers above 0 and at most {self.max:g}", param, ctx)
+        return number
+
+
+POSITIVE = _Positive(0.0, 1e150, min_open=True)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -145,7 +157,7 @@ def check(files: tuple[Path, ...], study: Path | None, as_json: bool) -> None:
 @click.option("--input", "driven", required=True, metavar="NAME", help="The FMU's input that the command drives.")
 @click.option("--output", "moved", required=True, metavar="NAME", help="The FMU's output that is measured.")
 @click.option("--log", type=click.Path(path_type=Path, dir_okay=False), metavar="RUN.mcap", help="Write the run's log to this file.")
-@click.option("--parameter", "parameters", multiple=True, metavar="NAME=VALUE", help="Start value of a parameter; may be repeated.")
+@click.option("--parameter", "parameters", multiple=True, metavar="NAME=VALUE", help="Start value of a parameter, with a unit if you like.")
 @click.option("--stop", type=POSITIVE, help="When the run ends [s]; default: when the slowest mode has shown itself, or decayed.")
 @click.option("--step", type=POSITIVE, help="Communication step [s]; default: a fiftieth of the fastest period.")
 @click.option("--interface", type=click.Choice(["co-simulation", "model-exchange"]), help="Default: co-simulation, if the FMU offers it.")
@@ -186,14 +198,20 @@ def simulate(
     sys.exit(0 if done.status.complete else INCONCLUSIVE)
 
 
-def _assignment(text: str) -> tuple[str, Decimal]:
+def _assignment(text: str) -> tuple[str, Decimal | str]:
     name, equals, value = text.rpartition("=")
+    from suite.study_units import is_with_unit
+
+    if equals and name and is_with_unit(value):
+        return name, value
     try:
         number = Decimal(value)
     except InvalidOperation:
         number = Decimal("nan")
     if not (equals and name and number.is_finite()):
-        raise click.UsageError(f"--parameter {text}: must be NAME=VALUE with a finite number, such as stiffness=1.2")
+        raise click.UsageError(
+            f'--parameter {text}: must be NAME=VALUE with a finite number, such as stiffness=1.2, or one with a unit: "stiffness=1.2 N/mm"'
+        )
     return name, number
 
 
@@ -247,7 +265,7 @@ class _Settling(click.ParamType[float]):
 )
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, a state's start value, or the input at rest.")
 @click.option("--at", type=_Settling(), default=0.0, help="Let it settle for so long, or until it rests; default: where it starts.")
-@click.option("--step", type=click.FloatRange(0.0, min_open=True), help="Communication step [s]; default: the FMU's.")
+@click.option("--step", type=POSITIVE, help="Communication step [s]; default: the FMU's.")
 @SANDBOX
 @AS_JSON
 @guarded

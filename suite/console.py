@@ -16,6 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 from rich.progress import Progress as Bar
 from rich.table import Table
 
+from fmus.markup import one_line
 from suite.campaign import RunResult
 from suite.command import harmless
 from suite.evidence import number
@@ -223,22 +224,22 @@ def show_inspection(found: Inspection) -> None:
     """What the FMU is, its variables, its terminals, and what prevents or limits a run here."""
     console = out()
     for name, value in summary(found):
-        console.print(f"{name:13} {escape(value)}", soft_wrap=True)
+        console.print(f"{name:13} {escape(one_line(value))}", soft_wrap=True)
     rows = variable_rows(found)
     table = Table("variable", "causality", "variability", "type", "start", "unit")
     for row in rows[:MOST_VARIABLES]:
-        table.add_row(*map(escape, row))
+        table.add_row(*(escape(one_line(cell)) for cell in row))
     console.print(table)
     if len(rows) > MOST_VARIABLES:
         console.print(f"and {len(rows) - MOST_VARIABLES} more variables: --json lists all")
     if found.terminals:
         console.print("terminals:")
         for line in terminal_lines(found.terminals, "  "):
-            console.print(escape(line), soft_wrap=True)
+            console.print(escape(one_line(line)), soft_wrap=True)
     for note in found.notes:
-        console.print(f"note: {escape(note)}", soft_wrap=True)
+        console.print(f"note: {escape(one_line(note))}", soft_wrap=True)
     for obstacle in found.obstacles:
-        console.print(f"[bold red]prevents a run here:[/] {escape(obstacle)}", soft_wrap=True)
+        console.print(f"[bold red]prevents a run here:[/] {escape(one_line(obstacle))}", soft_wrap=True)
     if not found.obstacles:
         console.print("nothing prevents a run here")
 
@@ -335,8 +336,8 @@ def show_linear(done: Linear) -> None:
     for amplitude, error, duration, step in done.checks:
         moves = f"the response to moves of ±{amplitude:.4g}{entry} over {duration:.4g} s in steps of {step:.3g} s"
         console.print(f"distance from the FMU: {error:.2g} of {moves}", soft_wrap=True)
-    for note in (*done.plant.notes, *found.notes):
-        console.print(f"note: {escape(note)}", soft_wrap=True)
+    for note in done.notes:
+        console.print(f"note: {escape(one_line(note))}", soft_wrap=True)
 
 
 def _numbered(modes: Sequence[Mode]) -> list[str]:

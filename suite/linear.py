@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,14 +15,17 @@ from fmus.errors import FmuError
 from fmus.linearization import Linearization, Method, linearize
 from fmus.settling import natural_step
 from fmus.stepping import Experiment
+from fmus.variables import Variable
 from fmus.workers import Worker
 from relaxations.commands import Command, Tail
 from relaxations.modes import Mode, modes
 from relaxations.plants import LinearPlant, Pole
 from suite.errors import Mistake, StudyError
 from suite.study_plant import open_plant, variable
+from suite.study_units import is_with_unit, plain_values
 
 CLOSE, FINER = 1e-4, 8  # distance above which a small move is looked at again, and the divisor of its communication step
+UNMEASURED = "the distance from the FMU could not be measured"
 SMALL = 0.01  # of the input's natural size: the amplitude at which a plant should be as linear as its linearisation is good
 
 
@@ -43,7 +45,8 @@ class Request:
 @dataclass(frozen=True, slots=True)
 class Linear:
     """The answer. `checks` are (amplitude in input units, error, duration [s], communication step [s]): how far the FMU's response to moves
-    of the input, small ones and ones of natural size, is from the linear plant's, relative to its largest deviation.
+    of the input, small ones and ones of natural size, is from the linear plant's, relative to its largest deviation; what could not be
+    measured is missing, and `unchecked` says why.
     """
 
     request: Request
@@ -52,11 +55,17 @@ class Linear:
     plant: LinearPlant
     modes: tuple[Mode, ...]
     checks: tuple[tuple[float, float, float, float], ...]
+    unchecked: str = ""
 
     @property
     def gain(self) -> float:
         """K of `K ∏(s - z) / ∏(s - p)`."""
         return float(self.plant.numerators[self.plant.output].coeffs()[-1])
+
+    @property
+    def notes(self) -> list[str]:
+        """What a reader should know of the plant, of how it was found, and of what was not measured."""
+        return [*self.plant.notes, *self.found.notes, *([self.unchecked] if self.unchecked else [])]
 
     def unit(self, name: str) -> str:
         """A variable's unit."""
@@ -102,7 +111,7 @@ class Linear:
                 "fit_error": how.fit_error,
                 "check_error": how.check_error,
             },
-            "notes": [*self.plant.notes, *found.notes],
+            "notes": self.notes,
         }
 
 
@@ -137,7 +146,7 @@ def linear(request: Request) -> Linear:
         raise StudyError("linearize", mistakes)
     has = fmu.description
     entry = variable("--input", request.input, has.drivable_input, has.names("input"), mistakes)
-    variable("--output", request.output, has.readable, has.names("output"), mistakes)
+    variable("--output", request.output, lambda name: _output(has, name), has.names("output"), mistakes)
     parameters, states, u0 = _settings(request, has, mistakes)
     if mistakes or entry is None:
         raise StudyError("linearize", mistakes)
@@ -160,29 +169,44 @@ def linear(request: Request) -> Linear:
             *(fmu.path, request.input, (request.output,), parameters, u0, states, Command(0.0, (), Tail(u0)), step, step),
             settle=found.settled,
         )
-        checks = _checks(Bench(worker, fmu, point, 60.0), exact.plant)
+        checks, unchecked = _checks(Bench(worker, fmu, point, 60.0), exact.plant)
     table = modes(exact.plant, exact.poles, exact.spread, None if found.identification else found.A)
-    return Linear(request, fmu, found, exact.plant, table, checks)
+    return Linear(request, fmu, found, exact.plant, table, checks, unchecked)
 
 
-def _checks(bench: Bench, plant: LinearPlant) -> tuple[tuple[float, float, float, float], ...]:
+def _checks(bench: Bench, plant: LinearPlant) -> tuple[tuple[tuple[float, float, float, float], ...], str]:
     """The mismatch at a small amplitude and at the natural one; where the small one is not, with finer steps too, since many an FMU
-    integrates no better than its communication step. What cannot be run is left out.
+    integrates no better than its communication step. What cannot be run is left out, and a sentence says so.
     """
     if bench.fmu.description.capabilities.co_simulation is None:
-        return ()
+        return (), f"{UNMEASURED}: it offers no co-simulation, in which its moves are run"
     made: list[tuple[float, float, float, float]] = []
+    missing: dict[str, None] = {}
 
     def look(amplitude: float, finer: int = 1) -> None:
-        with suppress(FmuError):
+        bench.trouble = ""
+        try:
             seen = bench.mismatch(plant, amplitude, finer)
-            made.extend([] if seen is None else [(amplitude, *seen)])
+        except FmuError as problem:
+            seen, bench.trouble = None, str(problem)
+        if seen is not None and all(map(math.isfinite, seen)):
+            made.append((amplitude, *seen))
+        else:
+            missing[
+                f"for moves of ±{amplitude:.4g}: {bench.trouble or 'the response of the linear plant to them is zero, or no number'}"
+            ] = None
 
     look(SMALL * bench.size)
     if made and made[0][1] > CLOSE and bench.fixed is None:
         look(SMALL * bench.size, FINER)
     look(bench.size)
-    return tuple(made)
+    return tuple(made), f"{UNMEASURED} {'; '.join(missing)}" if missing else ""
+
+
+def _output(has: Description, name: str) -> Variable:
+    """The variable to look at. States and other local ones will do; what is set from outside is no output."""
+    found = has.readable(name)
+    return has.find(name, "output") if found.causality in SETTABLE else found
 
 
 def _settings(request: Request, has: Description, mistakes: list[Mistake]) -> tuple[dict[str, float], dict[str, float], float | None]:
@@ -193,12 +217,17 @@ def _settings(request: Request, has: Description, mistakes: list[Mistake]) -> tu
     for text in request.settings:
         name, _, number = text.partition("=")
         name = name.strip()
+        if is_with_unit(number) and variable("--set", name, has.find, (), mistakes) is None:
+            continue
         try:
-            value = float(number)
+            plain, wrong = plain_values({name: number}, lambda: has) if is_with_unit(number) else ({name: number}, [])
+            value = math.nan if wrong else float(plain[name])
         except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            mistakes.append(Mistake("--set", text, "must be NAME=NUMBER, such as stiffness=2.5"))
+            value, wrong = math.nan, []
+        if wrong:
+            mistakes.append(Mistake("--set", text, wrong[0].message))
+        elif not math.isfinite(value):
+            mistakes.append(Mistake("--set", text, 'must be NAME=NUMBER, such as stiffness=2.5, or with a unit: "stiffness=2.5 N/mm"'))
         elif name == request.input:
             u0 = value
         elif (found := variable("--set", name, has.find, (), mistakes)) is None:

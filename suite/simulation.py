@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fmus.descriptions import Description
 from fmus.plans import Misfit, grid_step, interface_of
 from fmus.stepping import Experiment, Interface, LogLine, Outcome, RunStatus, samples
 from fmus.workers import Worker
@@ -21,7 +22,7 @@ from relaxations.response import response
 from reports import files, logs
 from suite import schema
 from suite.campaign import measure, natural_step
-from suite.errors import SuiteError
+from suite.errors import Mistake, SuiteError
 from suite.evidence import number
 from suite.observations import Channel, Setting, Subject, observe, record, thinned, with_verdict
 from suite.plants import linear_plant
@@ -29,7 +30,9 @@ from suite.quantities import Facts, window
 from suite.quantity_names import Quantity
 from suite.sources import read_command
 from suite.study import FmuPlant, Plant
-from suite.study_plant import understand_plant
+from suite.study_plant import open_plant, understand_plant
+from suite.study_units import plain_values
+from suite.values import number as sane
 from suite.verdicts import Measured, Verdict
 
 REFINEMENTS = 4  # of a convergence study
@@ -43,13 +46,16 @@ class SimulationError(SuiteError):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is asked: names as on the command line; None: chosen from the FMU and the command. Times in seconds."""
+    """What is asked: names as on the command line; None: chosen from the FMU and the command. Times in seconds.
+
+    Parameters are numbers in the FMU's units, or carry one ("500 N/km").
+    """
 
     fmu: str
     command: Path
     input: str
     output: str
-    parameters: Mapping[str, Decimal]
+    parameters: Mapping[str, Decimal | str]
     stop: float | None = None
     step: float | None = None
     interface: Interface | None = None
@@ -166,9 +172,25 @@ def simulate(asked: Request, log: Path | None = None, convergence: bool = False)
 
 
 def _plant(asked: Request) -> tuple[Plant, FmuPlant]:
-    written = schema.Plant(fmu=asked.fmu, input=asked.input, output=asked.output, parameters=dict(asked.parameters) or None)
+    unopened: list[Mistake] = []  # told again where the plant is understood
+
+    def describe() -> Description | None:
+        fmu = open_plant(asked.fmu, Path(), unopened)
+        return None if fmu is None else fmu.description
+
+    parameters, wrong = plain_values(asked.parameters, describe)
+    for name, value in parameters.items():
+        try:
+            if isinstance(value, Decimal):
+                sane(value)
+        except ValueError as problem:
+            wrong.append(Mistake(f"plant.parameters.{name}", value, str(problem)))
+            parameters[name] = Decimal(0)
+    written = schema.Plant(fmu=asked.fmu, input=asked.input, output=asked.output, parameters=parameters or None)
     plant, _, mistakes = understand_plant(written, Path())
-    if plant is None or plant.fmu is None:
+    told = {mistake.path for mistake in wrong}
+    mistakes = [*wrong, *(mistake for mistake in mistakes if mistake.path not in told)]
+    if mistakes or plant is None or plant.fmu is None:
         raise SimulationError("\n".join(str(mistake).removeprefix("plant.") for mistake in mistakes))
     return plant, plant.fmu
 

@@ -47,7 +47,10 @@ def read_command_or_shaper(path: Path, formats: tuple[str, ...] = (commands.FORM
             raise SourceError(f"{path} is the answer of a study without a command: there is none in it")
     found = data.get("format") if isinstance(data, Mapping) else None
     if not isinstance(found, str) or not (found in formats or (found == SPLINE and commands.FORMAT in formats)):
-        raise SourceError(f'{path} is no {what}: its "format" is {found!r}, not {" or ".join(map(repr, formats))}')
+        hint = ""
+        if found is None and isinstance(data, Mapping) and "amplitudes" in data and "times" in data:
+            hint = "; it looks like what `slewcert shaper --json` prints: `slewcert shaper … --save FILE` writes a shaper file"
+        raise SourceError(f'{path} is no {what}: its "format" is {found!r}, not {" or ".join(map(repr, formats))}{hint}')
     try:
         return READERS[found](data)
     except RelaxationsError as problem:

@@ -10,7 +10,7 @@ import copy
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from decimal import Decimal
+from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -200,6 +200,21 @@ def convert_units(
             continue  # the name of an enumeration's item
         spot.table[spot.key] = _converted(u, PLACES[place], spot, spot.value, spot.path, mistakes, conversions)
     return made, mistakes, tuple(conversions)
+
+
+def is_with_unit(text: str) -> bool:
+    """Whether it is written as a number with a unit, such as "500 N/km"."""
+    try:
+        Decimal(text)
+    except InvalidOperation:
+        return WRITTEN.fullmatch(text) is not None
+    return False
+
+
+def plain_values(values: Mapping[str, Any], describe: Callable[[], Description | None]) -> tuple[dict[str, Any], list[Mistake]]:
+    """Values for an FMU's variables given outside of a study, with or without units: as plain numbers, and the mistakes in them."""
+    made, mistakes, _ = convert_units({"plant": {"fmu": "", "parameters": dict(values)}}, describe)
+    return made["plant"]["parameters"], mistakes
 
 
 def _numeric(u: _Units, name: str) -> bool:

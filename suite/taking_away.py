@@ -37,7 +37,7 @@ class Wanted:
     unit: str | None = None
     rest: float | None = None
     linear: bool = False
-    history: int = HISTORY
+    history: int | None = None
     platforms: tuple[str, ...] = ()
     plant: str | None = None
     input: str | None = None
@@ -66,6 +66,9 @@ def take_away(source: Path, wanted: Wanted) -> Taken:
     """
     content = read_command_or_shaper(source)
     kind = "command" if isinstance(content, Command) else "shaper"
+    if kind == "command" and (wanted.linear or wanted.history is not None):
+        option = "--linear" if wanted.linear else "--history"
+        raise SuiteError(f"{option} is for shapers, which read a reference; {source} is a command, which reads nothing")
     name = wanted.name or model_name(source.stem.removesuffix(".command").removesuffix(".shaper"))
     plant = open_archive(plant_path(wanted.plant, wanted.fmi)) if wanted.plant else None
     versions = _versions(wanted.fmi, plant)
@@ -133,7 +136,7 @@ def _block(content: Command | Shaper, name: str, wanted: Wanted, plant: Fmu | No
         signal = replace(signal, unit=wanted.unit, exponents=_unit(wanted.unit, plant, driven))
     if isinstance(content, Command):
         return command_block(content, name, signal)
-    return shaper_block(content, name, signal, linear=wanted.linear, history=wanted.history)
+    return shaper_block(content, name, signal, linear=wanted.linear, history=HISTORY if wanted.history is None else wanted.history)
 
 
 def _unit(text: str, plant: Fmu | None, driven: Variable | None) -> dict[str, float] | None:

@@ -95,6 +95,22 @@ def test_refuses_names_that_lead_outside(name: str, tmp_path: Path) -> None:
         open_archive(path)
 
 
+@pytest.mark.parametrize(
+    "name",
+    ["resources/" + "x/" * 2500 + "y", "resources/" + "x" * 5000, "resources/" + "ä" * 128, "/".join(["x" * 250] * 9), "/".join("x" * 101)],
+)
+def test_refuses_names_that_no_file_system_takes(name: str, tmp_path: Path) -> None:
+    path = pack(tmp_path / "a.fmu", {"modelDescription.xml": description(), name: b"x"})
+    with pytest.raises(ArchiveError, match="too long or too deep to be unpacked"):
+        open_archive(path)
+
+
+@pytest.mark.parametrize("name", ["resources/" + "x/" * 98 + "y", "resources/" + "x" * 255, "resources/" + "/".join(["x" * 250] * 8)])
+def test_takes_names_up_to_that(name: str, tmp_path: Path) -> None:
+    open_archive(pack(tmp_path / "a.fmu", {"modelDescription.xml": description(), name: b"x"})).extract(tmp_path / "out")
+    assert (tmp_path / "out" / name).read_bytes() == b"x"
+
+
 def test_refuses_symbolic_links(tmp_path: Path) -> None:
     path = pack(tmp_path / "a.fmu", {"modelDescription.xml": description()})
     link = zipfile.ZipInfo("resources/link")
@@ -156,6 +172,10 @@ def test_refuses_a_doctype_in_any_encoding(encoding: str, tmp_path: Path) -> Non
     [
         ('fmiVersion="3.0"', 'fmiVersion="1.0"', "FMI version 1.0 is not supported"),
         ('fmiVersion="3.0"', "", "FMI version missing"),
+        ('fmiVersion="3.0"', 'fmiVersion="3.0-beta.2"', "FMI version 3.0-beta.2, a preliminary version of the standard, is not supported"),
+        ('fmiVersion="3.0"', 'fmiVersion="3.x"', "FMI version 3.x"),
+        ('<Dimension start="3"/>', '<Dimension start="100000000000"/>', "would have 100000000000 elements; at most 1000000 are supported"),
+        ('<Dimension start="3"/>', '<Dimension start="1000"/>' * 300, "would have 1000 × .* × … elements"),
         ("<CoSimulation", "<ScheduledExecution", "scheduled execution only"),
         ("</fmiModelDescription>", "", "well-formed"),
         ('valueReference="1"', 'valueReference="x"', "not valid"),
@@ -261,3 +281,17 @@ def test_damaged_contents_are_named_and_no_traceback(method: int, tmp_path: Path
         path.write_bytes(intact[:place] + bytes([intact[place] ^ 0xFF]) + intact[place + 1 :])
         with pytest.raises((ArchiveError, DescriptionError)):
             open_archive(path)
+
+
+def test_the_elements_of_all_arrays_are_limited_too() -> None:
+    more = "".join(
+        f'<Float64 name="a{i}" valueReference="{10 + i}" causality="local" initial="exact" start="1"><Dimension start="1000000"/></Float64>'
+        for i in range(5)
+    )
+    with pytest.raises(DescriptionError, match="its arrays have 5000003 elements in all; at most 4000000 are supported"):
+        read_description(description().replace(b"</ModelVariables>", more.encode() + b"</ModelVariables>"))
+
+
+def test_an_empty_array_is_none_of_these() -> None:
+    text = description().replace(b'<Dimension start="3"/>', b'<Dimension start="100000000000"/><Dimension start="0"/>')
+    assert read_description(text).find("profile").size == 0

@@ -204,3 +204,30 @@ def test_a_table_of_very_many_variables_is_cut(tmp_path: Path) -> None:
     done = run(build_chain(tmp_path, ("  </ModelVariables>", f"{more}</ModelVariables>")))
     assert "and 116 more variables: --json lists all" in done.stdout
     assert len(done.stdout.splitlines()) < 140
+
+
+def test_text_of_an_fmu_forges_no_lines(tmp_path: Path) -> None:
+    forged = "Tool&#10;nothing prevents a run here&#x2028;x&#x9b;[2J"
+    text = description().decode().replace('modelName="cart"', f'modelName="cart&#10;FMI 9" generationTool="{forged}"')
+    done = run(pack(tmp_path / "a.fmu", {"modelDescription.xml": text.encode()}))
+    assert "nothing prevents a run here" not in done.stdout.splitlines()
+    assert done.stdout.startswith(
+        "model         cart\ufffdFMI 9, made by Tool\ufffdnothing prevents a run here\ufffdx\ufffd[2J\nFMI           3.0\n"
+    )
+    old = text.replace('fmiVersion="3.0"', 'fmiVersion="1.0"')
+    done = run(pack(tmp_path / "b.fmu", {"modelDescription.xml": old.encode()}))
+    assert len(done.stderr.splitlines()) == 1
+    assert "FMI version 1.0 is not supported" in done.stderr
+
+
+def test_start_values_outside_the_limits_are_noted(tmp_path: Path) -> None:
+    mass = b'variability="tunable" start="2.5" unit="kg"'
+    for limits, words in (
+        (b' min="3"', "mass = 2.5 (at least 3)"),
+        (b' max="2"', "mass = 2.5 (at most 2)"),
+        (b' min="2.5" max="2.5"', None),
+    ):
+        text = description().replace(mass, mass + limits)
+        assert text != description()
+        notes = inspect(pack(tmp_path / "a.fmu", {"modelDescription.xml": text})).notes
+        assert [note for note in notes if "limits" in note] == ([f"start values outside the FMU's own limits: {words}"] if words else [])

@@ -133,6 +133,13 @@ def test_methods_agree(pendulum: Path, tmp_path: Path) -> None:
         (("two_mass", "--input", "force", "--output", "spring", "--set", "stifness=2", "--set", "x"), ["'stiffness'", "NAME=NUMBER"]),
         (("two_mass", "--input", "force", "--output", "spring", "--set", "spring=2"), ["no start value"]),
         (("two_mass", "--input", "force", "--output", "spring", "--set", "force=nan"), ["NAME=NUMBER"]),
+        (("two_mass", "--input", "force", "--output", "spring", "--set", "mass_1=2 m"), ["mass_1=2 m", "kind", "kg"]),
+        (("two_mass", "--input", "force", "--output", "spring", "--set", "mas_1=2 g"), ["did you mean 'mass_1'"]),
+        (("two_mass", "--input", "force", "--output", "force"), ["causality input, not output"]),
+        (("two_mass", "--input", "force", "--output", "stiffness"), ["causality parameter, not output"]),
+        (("two_mass", "--input", "force", "--output", "spring", "--step", "nan"), ["--step", "valid are numbers above 0"]),
+        (("two_mass", "--input", "force", "--output", "spring", "--step", "inf"), ["--step", "not in the range"]),
+        (("two_mass", "--input", "force", "--output", "spring", "--step", "0"), ["--step", "not in the range"]),
         (("two_mass", "--input", "force", "--output", "spring", "--at", "soon"), ["neither a time in seconds nor 'rest'"]),
         (("two_mass", "--input", "force", "--output", "spring", "--method", "guess"), ["identified"]),
         (("two_mass", "--input", "force", "--output", "position_2", "--set", "force=1"), ["not at rest where it starts", "another input"]),
@@ -297,3 +304,17 @@ def test_a_run_from_a_settled_operating_point(tmp_path: Path, pendulum: Path) ->
     assert row["status"] == "finished"
     # tan θ_0 θ/2 = 3e-4 is the next term of the sine there.
     assert 1e-6 < row["quantities"]["model_mismatch"]["value"] < 3e-3
+
+
+def test_settings_may_have_units() -> None:
+    ends = ("--input", "force", "--output", "position_2")
+    plain = record("two_mass", *ends, "--set", "mass_1=2", "--set", "stiffness=0.5")
+    assert record("two_mass", *ends, "--set", "mass_1=2000 g", "--set", "stiffness=500 N/km") == plain
+
+
+def test_a_distance_that_cannot_be_measured_is_told() -> None:
+    ends = ("two_mass", "--input", "force", "--output", "position_2", "--step", "1e-300")
+    found = record(*ends)
+    assert found["checks"] == []
+    assert "the distance from the FMU could not be measured for moves of ±" in found["notes"][-1]
+    assert "note: the distance from the FMU could not be measured" in run(*ends).stdout

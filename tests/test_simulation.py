@@ -141,7 +141,12 @@ def test_an_fmu_that_fails_is_exit_code_3_with_the_log_as_far_as_it_got(fault: s
         ({"more": ("--parameter", "stiffness")}, "NAME=VALUE"),
         ({"more": ("--parameter", "stiffness=nan")}, "finite"),
         ({"more": ("--parameter", "stifness=1")}, "stiffness"),
+        ({"more": ("--parameter", "stiffness=2 kg")}, "N/m"),
+        ({"more": ("--parameter", "stiffness=1e999999999")}, "magnitude between"),
+        ({"more": ("--parameter", "stifness=2 N/m")}, "did you mean 'stiffness'"),
+        ({"fmu": "two_mas", "more": ("--parameter", "stiffness=2 N/m")}, 'did you mean "two_mass"'),
         ({"more": ("--step", "0")}, "--step"),
+        ({"more": ("--step", "nan")}, "valid are numbers above 0"),
         ({"text": "{}"}, "slewcert-command/1"),
         ({"text": "\xff"}, "JSON"),
     ],
@@ -162,3 +167,9 @@ def test_all_mistakes_at_once(command: Path) -> None:
     assert done.exit_code == 2
     assert "forc" in done.stderr
     assert "position_3" in done.stderr
+
+
+def test_a_parameter_may_have_a_unit(command: Path) -> None:
+    found = [run("two_mass", command, *NAMES, "--json", "--parameter", f"stiffness={value}") for value in ("0.5", "500 N/km", "2")]
+    plain, converted, other = (json.loads(done.stdout)["quantities"] for done in found)
+    assert plain == converted != other

@@ -52,6 +52,7 @@ def files(tmp_path: Path) -> Path:
         "bound": {"status": "proved", "command": COMMAND.to_dict(), "switches": 1},
         "impossible": {"status": "impossible", "command": None},
         "study": {"format": "slewcert-results/1"},
+        "printed": {"kind": "zv", "times": [0.0, 0.5], "amplitudes": [0.5, 0.5]},  # as `shaper --json` has it
         "lame": {**SHAPERS["zv"].to_dict(), "amplitudes": [0.5, 0.4]},
     }
     for name, data in answers.items():
@@ -168,6 +169,9 @@ def test_a_file_is_replaced_only_if_asked(files: Path, tmp_path: Path) -> None:
         (["zv.json", "--unit", " N"], ["' N' cannot be defined"]),
         (["zv.json", "--ssp", "two_mass", "--unit", "V"], ['"V" is no unit of the kind of "N"; valid are N, kN, lbf']),
         (["move.json", "--rest", "nan"], ["rests at a finite value, not at nan"]),
+        (["move.json", "--linear"], ["--linear is for shapers", "move.json is a command"]),
+        (["move.json", "--history", "0"], ["--history is for shapers"]),
+        (["printed.json"], ["slewcert shaper … --save FILE"]),
         (["zv.json", "--history", "1"], ["from 2 to 10000000 changes of its reference, not 1"]),
         (["zv.json", "--ssp", "two_maas"], ["two_maas is no file, and the plants shipped here are", "two_mass", "did you mean"]),
         (["zv.json", "--ssp", "two_mass", "--input", "farce"], ["no variable 'farce'", "'force'"]),

@@ -191,3 +191,18 @@ def test_the_linear_plant_has_the_twins_outputs() -> None:
     assert "z" in linear_plant(read_twin(SMALL), "y").numerators
     with pytest.raises(DescriptionError, match="no output 'x'; it has y, z"):
         linear_plant(read_twin(SMALL), "x")
+
+
+@pytest.mark.parametrize("written", ["1e1001", "1E-1001", "1e999999999", "1e-9_999_999", "2 * (1e999999999 + 1)"])
+def test_exponents_are_limited_before_a_digit_is_written_out(written: str) -> None:
+    with pytest.raises(DescriptionError, match="exponents from -1000 to 1000"):
+        evaluate(written, {}, Fraction)
+
+
+def test_so_are_those_of_parameters_and_of_settings() -> None:
+    text = SMALL.replace('a = "0.1"', 'a = "1e999999999"')
+    with pytest.raises(DescriptionError, match=r"parameters\.a: '1e999999999' is out of range"):
+        read_twin(text)
+    with pytest.raises(DescriptionError, match=r"a: .* is out of range"):
+        read_twin(SMALL, {"a": Decimal("1e999999999")})
+    assert read_twin(SMALL.replace('a = "0.1"', 'a = "1e-1000"')).A[0][0] == -Fraction(1, 10**1000)
