@@ -88,7 +88,7 @@ def shortest_positive(demands: Sequence[tuple[float, float, float]], cells: int,
         rows, limits = [], []
         for omega, zeta, tolerance in demands:
             columns = np.exp(complex(zeta, np.sqrt(1.0 - zeta**2)) * omega * since)
-            rows.append((turns[:, None] * columns).real)
+            rows.append(np.real(turns[:, None] * columns))
             limits.append(np.full(corners, tolerance * np.cos(np.pi / corners)))
         ones = np.ones((1, cells + 1))
         return linprog(np.zeros(cells + 1), np.vstack(rows), np.concatenate(limits), ones, [1.0], method="highs").status == 0
