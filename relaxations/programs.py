@@ -235,10 +235,10 @@ def solve(program: GridProgram) -> GridSolution:
         try:
             compiled["problem"].solve(solver=cp.CLARABEL, ignore_dpp=motion is not None, **SETTINGS)
         except NotSolvedError as problem:
-            raise SolverError(f"Clarabel found nothing at T = {program.maneuver_time!r} s: {problem}") from None
+            raise SolverError(f"the linear program at T = {program.maneuver_time!r} s has no answer that was found") from problem
     status = str(compiled["problem"].status)
     if compiled["levels"].value is None or compiled["reach"].dual_value is None:
-        raise SolverError(f"Clarabel found nothing at T = {program.maneuver_time!r} s: status {status}")
+        raise SolverError(f"the linear program has no answer at T = {program.maneuver_time!r} s: {status}")
     levels = half * np.clip(compiled["levels"].value, program.lower / half, program.upper / half)
     multiplier = np.asarray(compiled["reach"].dual_value)
     # The sign of a multiplier is a convention of the solver. The costate is the one whose maximisers the levels are: stationarity in α says
@@ -370,9 +370,9 @@ def closest(columns: NDArray[np.complex128], radii: Reals, negative: float = 0.0
         try:
             program.solve(solver=cp.CLARABEL, **SETTINGS)
         except NotSolvedError as problem:
-            raise SolverError(f"Clarabel found nothing: {problem}") from None
+            raise SolverError("the cone program has no answer that was found") from problem
     if x.value is None or r.value is None or circles.dual_value is None:
-        raise SolverError(f"Clarabel found nothing: status {program.status}")
+        raise SolverError(f"the cone program has no answer: {program.status}")
     dual = np.asarray(circles.dual_value[1])
     multipliers = dual[0] + 1j * dual[1]
     scale = float(np.abs(multipliers).sum())

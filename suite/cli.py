@@ -325,7 +325,7 @@ def linearize(
 @click.option("--order", type=click.IntRange(1, 2), default=2, show_default=True, help="Of the body: 2, accelerated; 1, driven by speed.")
 @click.option("--command", "command", type=click.Path(path_type=Path), help="Write that move's command to this file.")
 @click.option("--certificate", type=click.Path(path_type=Path), help="Write the proof of its time to this file.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw sensitivity and step response to this file (SVG).")
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw sensitivity and step response to this file (.svg).")
 @click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),
               help="Write it for others: .cfg (Klipper), .g (RepRapFirmware), .h (C).")  # fmt: skip
 @click.option("--save", type=click.Path(path_type=Path), help="Write a shaper file, for `slewcert fmus export`.")
@@ -355,7 +355,10 @@ def shaper(
     from suite import console_shapers, shaper_files, shaper_references, shaping
 
     pulses = words["pulse"] is not None or words["height"] is not None
-    wrong = [*shaper_files.mistakes(exports, (command, certificate), words["move"], pulses), *shaper_references.mistakes(reference, shaped)]
+    wrong = [
+        *shaper_files.mistakes(exports, (command, certificate), words["move"], pulses, plot),
+        *shaper_references.mistakes(reference, shaped),
+    ]
     given = None if reference is None else shaper_references.read_reference(reference)
     with search_errors():
         done = shaping.design(shaping.Asked(**words), wrong)

@@ -74,8 +74,12 @@ def draw(done: Shaping, path: Path) -> None:
     write_atomically(path, picture(done).encode())
 
 
-def mistakes(paths: Sequence[Path], of_a_move: Sequence[Path | None], move: float | None, pulses: bool) -> Iterator[str]:
-    """Files whose ending says nothing of whom they are for, those of a move where there is none, and exports of `pulses`."""
+def mistakes(
+    paths: Sequence[Path], of_a_move: Sequence[Path | None], move: float | None, pulses: bool, plot: Path | None = None
+) -> Iterator[str]:
+    """Files whose ending says nothing of whom they are for or something else, those of a move where there is none, exports of `pulses`."""
+    if plot is not None and plot.suffix.lower() != ".svg":
+        yield f"--plot {plot}: the picture is SVG and its file ends in .svg, such as {plot.with_suffix('.svg') if plot.name else 'p.svg'}"
     if move is None and any(of_a_move):
         yield f"{next(filter(None, of_a_move))}: it is a --move that has a command and a proof, and none is asked for"
     if unknown := [str(path) for path in paths if path.suffix not in EXPORTS]:

@@ -177,7 +177,19 @@ def assess(kind: str, request: Request, damping: tuple[float, float] | None = No
         each = [deflection(made.shaper, mode) for mode in request.modes]
         strays = max(one.lower for one in each), max(one.upper for one in each)
     return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping,
-                   deflection=strays, ranges=tuple(kept), notes=made.notes)  # fmt: skip
+                   deflection=strays, ranges=tuple(kept), notes=(*made.notes, *_beside(kind, found, damping)))  # fmt: skip
+
+
+def _beside(kind: str, reaches: Sequence[Reach], damping: tuple[float, float] | None) -> tuple[str, ...]:
+    """What a range of dampings does not do: `si` is designed for the modes' own."""
+    if kind != "si" or damping is None or all(damping == (reach.band.mode.damping,) * 2 for reach in reaches):
+        return ()
+    over = [reach for reach in reaches if reach.worst.upper > reach.band.tolerance]
+    what = "si keeps the tolerance over the band at each mode's own damping; the range of dampings is looked at and not designed for"
+    if not over:
+        return (f"{what}: over all of it the tolerance is kept",)
+    each = ", ".join(f"{reach.worst.upper:.4g} instead of {reach.band.tolerance:g} of mode {reach.mode}" for reach in over)
+    return (f"{what}: over all of it as much as {each} may be left; a smaller --tolerance or a wider --band leaves less",)
 
 
 def _reach(shaper: Shaper, number: int, band: Band, damping: tuple[float, float] | None) -> Reach:
@@ -215,6 +227,13 @@ def _request(asked: Asked, further: Sequence[str]) -> tuple[Request, tuple[float
         wrong.append(f"--damping {asked.damping}: damping ratios are at least 0 and less than 1")
     if not 0.0 < asked.tolerance < 1.0:
         wrong.append(f"--tolerance {asked.tolerance!r}: a fraction of the unshaped vibration, between 0 and 1")
+    if damping and (
+        others := [f"{mode.damping:g}" for mode in (*(known or ()), *modes) if mode and not damping[0] <= mode.damping <= damping[1]]
+    ):
+        wrong.append(
+            f"--damping {asked.damping}: is a range that the machine may have, and does not hold the damping of the mode itself "
+            f"({', '.join(others)}); it begins no higher and ends no lower"
+        )
     for option, value, what in (
         ("negative", asked.negative, "the size of the negative amplitude, a positive number"),
         ("sample-time", asked.sample_time, "a positive number of seconds"),

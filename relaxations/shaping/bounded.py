@@ -18,6 +18,7 @@ from relaxations.plants import Exact, LinearPlant, exact
 from relaxations.proofs import minimum_time
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.shapers import Shaper
+from relaxations.shaping.vanishing import possible
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,7 @@ def bounded(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int 
         raise ShaperError(f"partial sums go from 0 to 1, so their bounds are at most 0 and at least 1, not {lower} and {upper}")
     found = minimum_time(problem([plant_of(modes)], Maneuver(exact(1), Limits.of(lower, upper), robustness=derivatives)))
     if found.command is None:
-        raise SolverError(f"no sequence with partial sums in [{lower}, {upper}] was found: {found.reason or found.status.value}")
+        raise SolverError(f"no sequence with partial sums in [{lower}, {upper}] was found: {possible(modes)}")
     starts = [segment.start for segment in found.command.segments] + [found.command.maneuver_time]
     levels = [0.0, *(segment.level for segment in found.command.segments), 1.0]
     jumps = [(start, after - before) for start, before, after in zip(starts, levels[:-1], levels[1:], strict=True) if after != before]

@@ -25,6 +25,7 @@ from relaxations.plants import exact
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.sensitivity import step_response
 from relaxations.shaping.shapers import Shaper
+from relaxations.shaping.vanishing import fastest_decay
 
 Reals = NDArray[np.float64]
 
@@ -32,7 +33,8 @@ PER_HALF_PERIOD = 24  # samples of the fastest mode's half period, unless a samp
 INSIDE = 2e-3  # of the limit: how much closer it is kept on the instants, for what lies between them
 FEASIBLE = 1e-9
 MOST_SAMPLES = 600
-ZERO = 1e-9  # an amplitude that is none
+LONGER = 1.25  # times as many samples are tried next
+ZERO = 1e-9  # an amplitude that is none, in the units that grow as the modes decay
 NO_EXCESS = 1e-7  # of equations of order one: with less nothing is refuted
 LESS = (1, 2, 3, 5, 8, 13)  # samples fewer than found that are tried to be refuted
 
@@ -82,11 +84,12 @@ def deflection_limited(
     while found is None:
         found = _amplitudes(modes, limit, sums, derivatives, step, high)
         if found is None:
-            low, high = high, 2 * high
+            # Not by much: in far more samples than it takes a damped mode has decayed beyond what programs tell from nothing.
+            low, high = high, math.ceil(LONGER * high)
             if low >= MOST_SAMPLES:
                 raise SolverError(
-                    f"{MOST_SAMPLES} samples of {step:.6g} s are not enough for a deflection of {limit!r}; a longer sample time "
-                    "or a larger limit needs fewer"
+                    f"no shaper was found on up to {MOST_SAMPLES} samples of {step:.6g} s for a deflection of {limit!r}; a longer sample "
+                    "time or a larger limit needs fewer, and with much damping fewer derivatives may be possible"
                 )
             high = min(high, MOST_SAMPLES)
     while high - low > 1:
@@ -96,7 +99,7 @@ def deflection_limited(
             low = middle
         else:
             high, found = middle, better
-    kept = np.flatnonzero(np.abs(found) > ZERO)
+    kept = np.flatnonzero(found)
     first = kept[0]
     shaper = Shaper(tuple(float((k - first) * step) for k in kept), tuple(float(found[k]) for k in kept))
     fewer = (high - less for less in LESS if high - less >= 1)
@@ -110,22 +113,24 @@ def _amplitudes(
     """Amplitudes at instants 0 to `samples`, None if there are none within the limits."""
     count, instants = samples + 1, step * np.arange(samples + 1)
     since = instants - instants[-1]
-    rows = [np.ones(count)]
+    decay = fastest_decay(modes)
+    units = np.exp(-decay * instants)  # of amplitude: no equation is lost in the decay of its mode
+    rows = [units]
     for mode in modes:
         for power in range(derivatives + 1):
-            z = (since / instants[-1]) ** power * np.exp(mode.frequency * mode.direction * since)
+            z = (since / instants[-1]) ** power * np.exp((mode.frequency * mode.direction - decay) * instants)
             rows += [z.real, z.imag]
     equal, aim = np.array(rows), np.eye(len(rows))[0]
     after, before = np.tri(count), np.tri(count, k=-1)
     moved = [np.array([step_response([t], [1.0], m.frequency, m.damping, instants) for t in instants]).T for m in modes]
     strays = np.vstack([y - u for y in moved for u in (after, before)])
     room = limit * (1.0 - INSIDE)
-    above = np.vstack([strays, -strays, after, -after])
+    above = np.vstack([strays, -strays, after, -after]) * units
     bounds = np.concatenate([np.full(2 * len(strays), room), np.full(count, sums[1]), np.full(count, -sums[0])])
     tolerances = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
     # The least sum of sizes: few impulses, and no more motion than is needed.
     split = linprog(
-        np.ones(2 * count),
+        np.concatenate([units, units]),
         A_ub=np.hstack([above, -above]),
         b_ub=bounds + FEASIBLE,
         A_eq=np.hstack([equal, -equal]),
@@ -140,7 +145,10 @@ def _amplitudes(
     kept = np.abs(found) > ZERO
     found[~kept] = 0.0
     found[kept] += np.linalg.lstsq(equal[:, kept], aim - equal @ found, rcond=None)[0]
-    return found if np.abs(equal @ found - aim).max() <= 1e-12 and _within(found, modes, limit, step) else None
+    if np.abs(equal @ found - aim).max() > 1e-12 * max(1.0, np.abs(found).max()):
+        return None
+    found *= units
+    return found if _within(found, modes, limit, step) else None
 
 
 def _refuted(modes: Sequence[Mode], limit: float, sums: tuple[float, float], derivatives: int, step: float, samples: int) -> bool:
@@ -192,6 +200,6 @@ def _refuted(modes: Sequence[Mode], limit: float, sums: tuple[float, float], der
 
 def _within(amplitudes: Reals, modes: Sequence[Mode], limit: float, step: float) -> bool:
     """Whether the limit is proven to hold between the instants too."""
-    kept = np.flatnonzero(np.abs(amplitudes) > ZERO)
+    kept = np.flatnonzero(amplitudes)
     shaper = Shaper(tuple(float((k - kept[0]) * step) for k in kept), tuple(map(float, amplitudes[kept])))
     return all(deflection(shaper, mode).upper <= limit for mode in modes)

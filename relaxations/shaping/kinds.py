@@ -43,6 +43,7 @@ from relaxations.shaping.requests import Least, Made, Request
 from relaxations.shaping.sampled import Sampled, sampled
 from relaxations.shaping.shapers import Shaper, as_pulses, convolve
 from relaxations.shaping.small_tolerances import SMALLEST, within
+from relaxations.shaping.vanishing import require
 
 LARGER_TOLERANCE = "a tolerance so small is kept by a humped shaper, near the shortest; the least duration is that of a larger tolerance"
 SAME = 1.0 - 1e-5  # of a tolerance: humps are designed a hair below it
@@ -82,6 +83,13 @@ def make(name: str, request: Request) -> Made:
     if wrong:
         raise ShaperError("; ".join(wrong))
     made = kind.make(request, number)
+    # In closed form zeros are exact but for rounding, and for amplitudes that are too small for doubles.
+    closed = kind.make is _derivatives and request.sample_time is None and not request.simultaneous
+    if kind.zeros is not None and kind.zeros in (_all, _once):
+        if not closed:
+            require(name, made.shaper, *kind.zeros(request, number))
+    elif kind.zeros is not None and made.least:
+        require(name, made.shaper, made.least.zeros)
     if made.least and made.least.duration > made.shaper.duration:  # the shaper's own zeros are doubles: it may end a hair too soon
         made = replace(made, least=replace(made.least, duration=made.shaper.duration))
     return made if request.pulse is None or not made.shaper.times else _drawn_out(made, request.pulse)
@@ -173,7 +181,7 @@ def _ripples(humped: Sequence[Humped], request: Request) -> tuple[str, ...]:
 def _humps_at_once(request: Request, number: int) -> Made:
     """The shortest positive shaper that keeps the tolerance over the range of each mode's own humped one."""
     bands = humped_ranges(request.modes, request.tolerance, number)
-    shortest = specified(tuple(dict.fromkeys(bands)))
+    shortest = within(tuple(dict.fromkeys(bands)))
     what = f"positive shapers within {request.tolerance:g} over the range of each mode's own {_humps_of(number)}"
     return Made(shortest.shaper, least_of(shortest.lower, what), tuple(enumerate(bands)))
 

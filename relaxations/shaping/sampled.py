@@ -22,6 +22,7 @@ from relaxations.plants import exact
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.polishing import Demand, rows, vanishing
 from relaxations.shaping.shapers import Shaper
+from relaxations.shaping.vanishing import fastest_decay
 
 Reals = NDArray[np.float64]
 
@@ -94,16 +95,21 @@ def _refuted(zeros: Sequence[tuple[Mode, int]], sample_time: float, samples: int
 
 def _weights(zeros: Sequence[tuple[Mode, int]], sample_time: float, samples: int) -> Reals | None:
     """Amplitudes at instants 0 to `samples`, or None if none are positive and leave nothing."""
-    since = np.arange(-samples, 1) * sample_time
-    rows = []
+    instants = np.arange(samples + 1) * sample_time
+    since, rows, decay = instants - instants[-1], [], fastest_decay([mode for mode, _ in zeros])
     for mode, count in zeros:
         for power in range(count + 1):
-            row = (since / (samples * sample_time)) ** power * np.exp(mode.frequency * mode.direction * since)
+            row = (since / instants[-1]) ** power * np.exp((mode.frequency * mode.direction - decay) * instants)
             rows += [row.real, row.imag]
-    table = np.array([*rows, np.ones(samples + 1)])
+    # Amplitudes in units that grow as the modes decay: all equations and unknowns are then of order one, at any damping.
+    units = np.exp(-decay * instants)
+    table = np.array([*rows, units])
     aim = np.zeros(len(table))
     aim[-1] = 1.0
-    weights, _ = nnls(table, aim)
+    try:
+        weights, _ = nnls(table, aim)
+    except RuntimeError:  # too many iterations
+        return None
     kept = np.flatnonzero(weights > 0.0)
     if not len(kept):
         return None
@@ -112,5 +118,5 @@ def _weights(zeros: Sequence[tuple[Mode, int]], sample_time: float, samples: int
     if exactly.min() <= 0.0 or np.abs(table[:, kept] @ exactly - aim).max() > NOTHING:
         return None
     found = np.zeros(samples + 1)
-    found[kept] = exactly
+    found[kept] = exactly * units[kept]
     return found

@@ -35,12 +35,13 @@ def within(bands: Sequence[Band]) -> Shortest:
         return within_small(bands[0])
     try:
         return specified(bands)
-    except SolverError as problem:
+    except SolverError:
         if len(bands) == 1 and least < SMALL:
             return within_small(bands[0])
         if least < SMALL:
             raise SolverError(
-                f"a tolerance of {least!r} is too small for several bands at once ({problem}); {SMALL!r} and more are possible"
+                f"a tolerance of {least!r} is too small for one solution of several bands; {SMALL!r} and more are possible, and "
+                "without --simultaneous one shaper for each mode, convolved"
             ) from None
         raise
 

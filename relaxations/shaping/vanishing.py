@@ -1,0 +1,68 @@
+"""Whether nothing is left where nothing is promised: zeros of a shaper that is made, held against the size of their own terms.
+
+With much damping the mode decays while the shaper lasts, and what is small as a residual may be large beside what every impulse has left of
+itself by then. So a zero is told by
+
+    |Σ A_i (t_i/T)^j e^{κω t_i}| ≤ δ max |A_i e^{κω t_i}|,   j = 0 … n
+
+which does not depend on when one looks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relaxations.errors import SolverError
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.shapers import Shaper
+
+Reals = NDArray[np.float64]
+
+VANISHED = 1e-8  # of the largest term: instants and amplitudes in doubles leave 1e-15 and some of it, what was not solved all of it
+
+
+def fastest_decay(modes: Sequence[Mode]) -> float:
+    """max ζω [1/s]: in units of amplitude e^{-max ζω t} no impulse of a zero outgrows the others by its mode's decay."""
+    return max(mode.damping * mode.frequency for mode in modes)
+
+
+def left(shaper: Shaper, mode: Mode, derivatives: int = 0) -> float:
+    """The largest of the sums above as a fraction of the largest term, from 0 on; 1 where nothing cancels."""
+    instants, sizes, _ = shaper.excitation
+    times, amplitudes = np.array(instants), np.array(sizes)
+    kept = amplitudes != 0.0
+    times, amplitudes = times[kept] - times[0], amplitudes[kept]
+    if len(times) < 2:
+        return 1.0
+    logs = np.log(np.abs(amplitudes)) + mode.damping * mode.frequency * times
+    turns = np.sign(amplitudes) * np.exp(logs - logs.max() + 1j * mode.frequency * mode.direction.imag * times)
+    return max(float(abs(((times / times[-1]) ** power * turns).sum())) for power in range(derivatives + 1))
+
+
+def require(name: str, shaper: Shaper, zeros: Sequence[Mode], derivatives: int = 0) -> None:
+    """Raises `SolverError`, saying what would be possible, unless all of it vanishes at every one of `zeros`."""
+    for mode in zeros:
+        found = left(shaper, mode, derivatives)
+        if not found <= VANISHED:
+            order = f" and {derivatives} derivative(s) of it" if derivatives else ""
+            raise SolverError(
+                f"{name} promises zero vibration{order} at {mode.frequency:.6g} rad/s, damping {mode.damping!r}, but what was solved "
+                f"leaves {min(found, 1.0):.3g} of its largest term instead of at most {VANISHED:g}: {possible(zeros)}"
+            )
+
+
+def possible(modes: Sequence[Mode]) -> str:
+    """What there is instead."""
+    decay = min(mode.decay for mode in modes)
+    if decay < 0.1:
+        return (
+            f"a mode that keeps but {decay:.3g} of itself in half a period takes amplitudes that differ by more than was "
+            "solved; zv and zvd without further options have a closed form, si keeps a tolerance at any damping, and a mode like this "
+            "hardly vibrates: it may be left out"
+        )
+    return (
+        "fewer derivatives, fewer modes at once (without --simultaneous, where that is given) or si, which keeps a tolerance, are possible"
+    )
