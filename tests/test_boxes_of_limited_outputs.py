@@ -66,6 +66,7 @@ def furthest(found: Bound, output: str, family: Family, name: str) -> float:
     return float(max(courses))
 
 
+@pytest.mark.slow
 def test_a_speed_is_kept_in_every_plant_and_all_of_it_is_used() -> None:
     free = minimum_time(posed(SPRING, (TENTH,), "0.5", "0.05", {"output_rate": "10"}))
     found = slow()

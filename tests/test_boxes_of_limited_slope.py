@@ -64,6 +64,7 @@ def test_another_program_finds_the_same_time(family: Family, axes: tuple[Axis, .
     assert other.fraction(lower * (1 - COARSE), 120) < 1.0 < other.fraction(upper * (1 + COARSE), 120)
 
 
+@pytest.mark.slow
 def test_the_command_is_continuous_and_keeps_what_it_may_in_every_plant() -> None:
     found = bound(STIFFNESS, FIFTH, ("-3", "3"), "1")
     command = found.command
@@ -79,6 +80,7 @@ def test_the_command_is_continuous_and_keeps_what_it_may_in_every_plant() -> Non
     assert 0.0499 <= worst <= 0.05 * (1 + 1e-6)  # all that is allowed is used; the middle of a sampled course is off by 1e-7
 
 
+@pytest.mark.slow
 def test_a_tighter_slope_takes_no_less_and_a_loose_one_as_long_as_none() -> None:
     free = robust("1", "0.05", axis("stiffness", "0.2"))
     times = [bound(STIFFNESS, FIFTH, rate, "1") for rate in (("-20", "20"), ("-3", "3"))]
@@ -99,6 +101,7 @@ def test_a_box_without_width_is_no_longer_than_rest() -> None:
     assert found.lower >= rest.lower * (1 - 1e-3)  # and near it: of so small a tolerance little is gained
 
 
+@pytest.mark.slow
 def test_a_list_of_plants_and_moved_roots() -> None:
     few = Listed(tuple(((Fraction(k),), SPRING.member([Fraction(k)])) for k in ("1", "1.1")))
     listed = fastest(few, (axis("k", "0.1"),), ("-4", "4"))

@@ -101,6 +101,7 @@ def boxed(
         "parameters": parameters,
         "numerator": written[0],
         "denominator": written[1],
+        "outputs": {},
         "plants": [],
         "tolerance": "5",
         "final_tolerance": final,
@@ -206,7 +207,7 @@ def test_one_plant_that_rests_too_far_away(share: str | None, place: list[str], 
         [("0", "0", "1")],
         share if share is None else Fraction(share),
     )
-    witness = {**costate(), "samples": [{"place": place, "residual": []}]}
+    witness = {**costate(), "samples": [{"place": place, "residual": [], "deflection": [], "after": []}]}
     assert check(certificate(of, impossible="final", witnesses=(witness, None))).outcome is expected
 
 
@@ -226,7 +227,16 @@ def test_cells_are_halved_across_the_widest_side() -> None:
 def moved(*parameters: tuple[str, str | None, str, str], **others: Any) -> Outcome:
     """Of a task whose parameters move roots of 1/(s² + s/5 + 1)."""
     written = [dict(zip(("name", "nominal", "low", "high"), p, strict=True)) for p in parameters]
-    box = {"parameters": written, "numerator": [], "denominator": [], "plants": [], "tolerance": "1.01", "final_tolerance": None, **others}
+    box = {
+        "parameters": written,
+        "numerator": [],
+        "denominator": [],
+        "outputs": {},
+        "plants": [],
+        "tolerance": "1.01",
+        "final_tolerance": None,
+        **others,
+    }
     of = {**task(["1"], ["1", "0.2", "1"], limits=("-5", "5")), "box": box}
     return check(certificate(of, upper="1", witnesses=(None, command("1", [("0", "1")], [])))).outcome
 
@@ -287,18 +297,27 @@ def test_boxes_in_words() -> None:
         {"name": "mode[1].frequency", "nominal": "1", "low": "0.9", "high": "1.1"},
         {"name": "mode[1].damping", "nominal": None, "low": "0", "high": "0.2"},
     ]
-    box = {"parameters": parameters, "numerator": [], "denominator": [], "plants": [], "tolerance": "1.01", "final_tolerance": None}
+    box = {
+        "parameters": parameters,
+        "numerator": [],
+        "denominator": [],
+        "outputs": {},
+        "plants": [],
+        "tolerance": "1.01",
+        "final_tolerance": None,
+    }
     text = words({**of, "box": box})
     assert (
         "  and every plant that it becomes when these of its roots are moved: mode[1].frequency in [0.9, 1.1], mode[1].damping in [0, 0.2];"
         in text
     )
     assert "  y(∞) is the target in all of them, and none keeps drifting." in text
-    listed = [{"place": [str(k)], "numerator": ["1"], "denominator": ["1", str(1 + k)]} for k in (0, 1)]
+    listed = [{"place": [str(k)], "numerator": ["1"], "denominator": ["1", str(1 + k)], "outputs": {}} for k in (0, 1)]
     box = {
         "parameters": [{"name": "k", "nominal": "0", "low": "0", "high": "1"}],
         "numerator": [],
         "denominator": [],
+        "outputs": {},
         "plants": listed,
         "tolerance": "5",
         "final_tolerance": "1/2",

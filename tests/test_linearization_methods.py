@@ -81,7 +81,16 @@ def test_derivatives_and_differences_are_the_twin(name: str, version: FmiVersion
             assert compare(name, version, output, method, worker, tmp_path) < EQUAL, (output, method)
 
 
-@pytest.mark.parametrize(("name", "version"), list(zip(shipped(), itertools.cycle(VERSIONS), strict=False)))
+LENGTHY = ("spacecraft", "robot_arm", "rlc_filter")
+
+
+@pytest.mark.parametrize(
+    ("name", "version"),
+    [
+        pytest.param(name, version, marks=pytest.mark.slow if name in LENGTHY else ())
+        for name, version in zip(shipped(), itertools.cycle(VERSIONS), strict=False)
+    ],
+)
 def test_what_is_identified_is_the_twin(name: str, version: FmiVersion, worker: Worker, tmp_path: Path) -> None:
     """One version each, to be quick; both below."""
     assert compare(name, version, MAIN[name], "identified", worker, tmp_path) < EQUAL

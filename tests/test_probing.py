@@ -231,6 +231,7 @@ def test_a_delay_is_refused_wherever_the_record_ends(version: FmiVersion, tmp_pa
     assert pytest.approx(0.54) == forced.D
 
 
+@pytest.mark.slow
 def test_thrusters_that_are_on_or_off_are_identified_with_what_they_take(worker: Worker) -> None:
     """The spacecraft refuses any torque but ±10 N.m and 0."""
     fmu = open_archive(build("spacecraft"))

@@ -66,7 +66,7 @@ def test_where_one_hump_ends_and_that_it_is_continuous_there():
     assert curves[0] == pytest.approx(curves[1], abs=1e-4)
 
 
-@pytest.mark.parametrize("humps", [1, 2, 3])
+@pytest.mark.parametrize("humps", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_humps_are_continuous_in_the_tolerance(humps: int):
     """Around every bend of the curve of solutions: a step of the tolerance moves nothing by more than a small multiple of it."""
     steps = np.linspace(0.02, 0.2, 7)
