@@ -22,12 +22,13 @@ from relaxations.plants import exact
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.polishing import Demand, rows, vanishing
 from relaxations.shaping.shapers import Shaper
-from relaxations.shaping.vanishing import fastest_decay
+from relaxations.shaping.vanishing import fastest_decay, possible
 
 Reals = NDArray[np.float64]
 
 NOTHING = 1e-12  # of what all impulses would leave together: equations of order one, solved to rounding
 MOST_SAMPLES = 4096
+LONGER = 1.5  # times as many samples are tried next: in far more a damped mode decays beyond what can be told from nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +64,11 @@ def sampled(zeros: Sequence[tuple[Mode, int]], sample_time: float) -> Sampled:
         )
     low, found = 0, _weights(zeros, sample_time, high)
     while found is None:
-        low, high = high, 2 * high
+        low, high = high, math.ceil(LONGER * high)
         if high > MOST_SAMPLES:
-            raise SolverError(f"no shaper was found on {MOST_SAMPLES} samples of {sample_time!r} s; a longer sample time needs fewer")
+            raise SolverError(
+                f"no shaper was found on up to {MOST_SAMPLES} samples of {sample_time!r} s: {possible([m for m, _ in zeros])}"
+            )
         found = _weights(zeros, sample_time, high)
     while high - low > 1:
         middle = (low + high) // 2
