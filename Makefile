@@ -4,8 +4,8 @@ PYTHON ?= python3
 VENV   ?= .venv
 OUT    ?= evidence/two_mass
 STUDY  ?= suite/studies/two_mass.toml
-# two workers; a file's tests stay together, so that what a file sets up is set up once
-PYTEST_FLAGS ?= -n 2 --dist loadfile
+# three workers on two processors (some tests wait for an FMU to hang); a file's tests stay together, so that what a file sets up is set up once
+PYTEST_FLAGS ?= -n 3 --dist loadfile
 
 BIN := $(VENV)/bin
 # twice quiet: errors only

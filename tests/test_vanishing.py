@@ -31,7 +31,9 @@ def sums(shaper: Shaper, mode: Mode, power: int) -> float:
 @pytest.mark.parametrize(
     ("kind", "damping", "options", "derivatives", "known"),
     [
-        ("dl-zvd", 0.93, {"deflection": 0.5}, 1, 50 / 24),  # half damped periods: the shortest without a limit takes 1.92 of them
+        pytest.param(
+            "dl-zvd", 0.93, {"deflection": 0.5}, 1, 50 / 24, marks=pytest.mark.slow
+        ),  # half damped periods: the shortest without a limit takes 1.92 of them
         ("dl-zv", 0.99, {"deflection": 0.4}, 0, 1.0),
         ("zvd", 0.99, {"sample_time": 0.07}, 1, 7.14 / 3.544406025),
         ("zvd", 0.95, {"sample_time": 0.07}, 1, 3.22 / 1.6012815),
