@@ -54,6 +54,7 @@ def places(axes: tuple[Axis, ...], count: int) -> list[tuple[Fraction, ...]]:
     return [(one.nominal,), *((one.low + (one.high - one.low) * Fraction(i, count - 1),) for i in range(count))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "axes", "displacement"), [(SPRING, TENTH, "0.5"), pytest.param(STIFFNESS, FIFTH, "1", marks=pytest.mark.slow)]
 )
@@ -167,6 +168,7 @@ def test_the_truth_is_believed() -> None:
     assert any(sample["residual"] for sample in content["lower"]["samples"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lie", LIES)
 def test_lies_are_not_believed(lie: str) -> None:
     assert outcome(LIES[lie]) is not Outcome.PROVED

@@ -114,6 +114,7 @@ def test_what_is_shown_is_what_matters(pendulum: Path) -> None:
     assert far > 3.0 * near, "farther out it is another plant, and that is told"
 
 
+@pytest.mark.slow
 def test_methods_agree(pendulum: Path, tmp_path: Path) -> None:
     point = ("--input", "u", "--output", "y", "--set", "u=4.905", "--set", f"angle={math.pi / 6!r}")
     exact = complex(-0.2, -math.sqrt(9.81 * math.cos(math.pi / 6) - 0.04))
@@ -181,6 +182,7 @@ def test_an_fmu_that_fails_is_exit_code_3() -> None:
 # Studies
 
 
+@pytest.mark.slow
 def test_a_study_says_how_its_plant_is_linearised(tmp_path: Path, pendulum: Path) -> None:
     (tmp_path / "p.fmu").write_bytes(pendulum.read_bytes())
     keys = 'parameters = {{ friction = 4 }}\ninitial = {{ input = 4.905, {} }}\nlinearization = "{}"'

@@ -99,7 +99,9 @@ LINEAR = {
 }
 
 
-@pytest.mark.parametrize("name", LINEAR)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in ("slow_and_fast", "through") else ()) for name in LINEAR]
+)
 def test_linear_plants_are_found_to_ten_digits(name: str, tmp_path: Path, worker: Worker) -> None:
     A, B, C, D, poles = LINEAR[name]
     fmu = open_archive(steps_only(linear_fmu(name, A, B, C, D), tmp_path / "plant.fmu"))

@@ -134,7 +134,7 @@ def test_the_tolerance_is_proven_over_the_whole_band_where_published_fits_exceed
     assert worst(published(humps, mode, tolerance)).lower > tolerance * (1 + 1e-3)
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.1, 0.4])
+@pytest.mark.parametrize("damping", [pytest.param(0.0, marks=pytest.mark.slow), 0.1, pytest.param(0.4, marks=pytest.mark.slow)])
 def test_convolution_equals_the_simultaneous_solution_for_one_mode_and_is_longer_for_two(damping: float):
     """n shapers in a row for one mode are the shortest with n - 1 derivatives; for two modes one solution is shorter."""
     mode, other = Mode(3.0, damping), Mode(7.1, 0.5 * damping)

@@ -39,7 +39,7 @@ MISSED = {
     "two_mass_spring_limit": ("SPRING-001", "peak(spring)"),
 }
 # A nonlinear plant whose mode varies, shapers, an FMU that refuses what no thruster can do; the others are for `make slow`.
-QUICK = {"gantry_crane_follow", "gantry_crane_hoist", "gantry_crane_shaped", "gantry_crane_varying", "robot_arm_shaped", "spacecraft"}
+QUICK = {"gantry_crane_shaped", "robot_arm_shaped", "spacecraft"}
 PAIRS = [pytest.param(name, id=name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in MISSED if name != "two_mass"]
 
 

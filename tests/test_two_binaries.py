@@ -62,7 +62,7 @@ def test_inspect_names_both(fmu: tuple[Path, str, str]) -> None:
     assert open_archive(path).binary_sha256("model-exchange") == exchanged
 
 
-@pytest.mark.parametrize("interface", ["co-simulation", "model-exchange"])
+@pytest.mark.parametrize("interface", [pytest.param("co-simulation", marks=pytest.mark.slow), "model-exchange"])
 def test_a_study_records_the_one_that_it_ran(fmu: tuple[Path, str, str], interface: str, tmp_path: Path) -> None:
     path, stepped, exchanged = fmu
     used = stepped if interface == "co-simulation" else exchanged
