@@ -5,9 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from flint import acb, fmpq
 from forgery import certificate, command, costate, task
 
+from relaxations.checking import balls, boxes
 from relaxations.checking.claims import Check, Outcome, check, claim
+from relaxations.checking.families import family
+from relaxations.checking.reading import Undecided, read
 
 Terms = list[list[Any]]
 
@@ -180,3 +184,34 @@ def test_hostile_moves() -> None:
             assert checked.seconds < 100.0
             assert checked.outcome is not Outcome.PROVED
         assert check(certificate(box, lower="1", witnesses=lower_witness(["1"]))).outcome is not Outcome.PROVED
+
+
+def limited(nominal: str, ends: tuple[str, str], gain: str, denominator: list[Terms], written: list[str]) -> dict[str, Any]:
+    """A robust task about gain/D with one parameter, its speed limited to 1/5."""
+    of = task([gain], written, deflection={"v": "1/5"}, outputs={"v": [gain, "0"]})
+    parameter = {"name": "k", "nominal": nominal, "low": ends[0], "high": ends[1]}
+    form = {"numerator": constant([gain]), "denominator": denominator, "outputs": {"v": constant([gain, "0"])}, "plants": []}
+    return {**of, "box": {"parameters": [parameter], **form, "tolerance": "100", "final_tolerance": None}}
+
+
+def test_outputs_of_a_box_move_with_all_poles_of_its_plants() -> None:
+    """A body and a slow mode: what the nominal plant's output does without its mode is no bound (5/2 s are enough, 4.9 were claimed)."""
+    of = limited("1", ("1", "1"), "1/100", constant(["1", "0", "1/100", "0", "0"]), ["1", "0", "1/100", "0", "0"])
+    press = {"output": "v", "begin": "0", "end": "49/10", "weight": "49/10"}
+    lie = costate((("0", "0"), [("0", "0"), ("1", "0")]), deflection=[press])
+    assert check(certificate(of, lower="49/10", witnesses=(lie, None))).outcome is Outcome.MALFORMED
+    fixed = command("5/2", [("0", "16/25"), ("5/4", "-16/25")], [["level", 0, 0], ["level", 1, 0]])
+    assert found(of, "5/2", (None, fixed)).outcome is Outcome.PROVED
+    free = command("2", [("0", "1"), ("1", "-1")], [["time", 0, 0], ["start", 1, 0]])
+    assert found(of, "21/10", (None, free)).outcome is Outcome.PROVED
+
+
+def test_a_sample_with_fewer_poles_at_the_origin_has_no_response_there() -> None:
+    """1/s² and 1/(s² + k): the second one's speed swings about 0, and does not go on."""
+    of = limited("0", ("0", "1"), "1", [terms(("1", 0)), [], terms(("1", 1))], ["1", "0", "0"])
+    posed = read(certificate(of, lower="1", witnesses=(costate(), None))).task
+    balls.work["left"] = 1e9
+    one = boxes.sample(family(posed), [fmpq(1)])
+    roots = (balls.Root(acb(0), 4), *(root for root in one.roots if not root.value.is_zero()))
+    with pytest.raises(Undecided, match="fewer poles at the origin"):
+        one.answer(roots, "v", 0)

@@ -329,3 +329,15 @@ def test_the_claim_in_words_with_every_limit() -> None:
 )
 def test_where_too_little_fuel_makes_a_task_impossible(of: dict[str, Any], outcome: Outcome) -> None:
     assert check(certificate(of, impossible="fuel")).outcome is outcome
+
+
+def test_multipliers_of_slopes_do_not_make_a_budget_too_small() -> None:
+    """(s + 1)/(s² + 2s) with a tail, slopes of 1000: a fuel of 3/2 is enough for 2/5 s, and 'steps' once made it impossible."""
+    others = {"rest": "output", "limits": ("-20", "20"), "rate": ["-1000", "1000"], "fuel": "3/2"}
+    of = task(["1", "1"], ["1", "2", "0"], "1", **others)
+    lie = costate((("0", "0"), [("1", "0")]), fuel="1", ramps=[{"edges": ["0", "1"], "levels": ["0"]}], steps=["1"])
+    assert check(certificate(of, impossible="fuel", witnesses=(lie, None))).outcome is Outcome.INCONCLUSIVE
+    tail = [{"near": ["-1", "0"], "coefficients": [["4/5", "0"]]}]
+    nodes = [("0", "0"), ("1/20", "16237/2500"), ("3/10", "13719/10000")]
+    truth = command("7/20", nodes, [["level", 1, 0], ["level", 2, 0]], radius="1/100", tail=tail)
+    assert check(certificate(of, upper="2/5", witnesses=(None, truth))).outcome is Outcome.PROVED

@@ -33,6 +33,8 @@ def response(system: System, roots: Sequence[Root], name: str, integrals: int) -
     (plant,) = system.task.plants
     numerator, denominator = (fmpq_poly(list(written[::-1])) for written in (plant.outputs[name], plant.denominator))
     plain, found = isolated(denominator), []
+    if not all(any(pole.value.overlaps(root.value) for root in roots) for pole in plain):
+        raise Undecided("an output moves with poles that are not among those looked at")
     for root in roots:
         same = [other for other in plain if other.value.overlaps(root.value)]
         multiplicity = (same[0].multiplicity if same else 0) + (integrals if root.value.is_zero() else 0)

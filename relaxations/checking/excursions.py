@@ -152,7 +152,7 @@ def beyond(
     for i, (to_go, change) in enumerate(kicks.jumps):
         if i > last:
             break
-        since = before - to_go
+        since = before - to_go if i else arb(0)  # of a ball and itself the powers would be no numbers
         powers = [since**k / factorial(k) for k in range(len(moments))]
         moments = [sum((m * p for m, p in zip(moments[k::-1], powers, strict=False)), arb(0)) for k in range(len(moments))]
         moments[0] += change

@@ -96,6 +96,8 @@ class Written:
     def at_origin(self, line: Line, output: str, count: int) -> list[acb_series]:
         """The first terms of N/(D/s^r) at s = 0, r poles there, of a named output."""
         N, D = ([as_series(c) for c in self.member(line, which)] for which in (chosen(output), "denominator"))
+        if not all(c.is_zero() for coefficient in D[: rigid(self.task)] for c in coefficient.coeffs()):
+            raise Undecided("a plant of the box has fewer poles at the origin than the nominal one")
         return quotient(N, D[rigid(self.task) :], count)
 
     def settled(self, sides: Sequence[tuple[fmpq, fmpq]]) -> bool:

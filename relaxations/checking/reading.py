@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -82,41 +83,27 @@ def sensitivities(data: Any, where: str) -> dict[str, tuple[fmpq, fmpq]]:
     return {name: (pair.shift, pair.residual) for name, pair in pairs.items()}
 
 
-def deflections(data: Any, where: str) -> dict[str, fmpq]:
-    """By how much outputs may deviate, by their names."""
-    require(isinstance(data, dict) and len(data) <= MOST_OUTPUTS, f"{where} names at most {MOST_OUTPUTS} outputs")
-    return {name(key, where): real(value, f"{where}.{key}") for key, value in data.items()}
+def by_name(shape: Any) -> Callable[[Any, str], dict[str, Any]]:
+    """What is given of outputs, each of one shape, by their names."""
 
+    def read(data: Any, where: str) -> dict[str, Any]:
+        require(isinstance(data, dict) and len(data) <= MOST_OUTPUTS, f"{where} names at most {MOST_OUTPUTS} outputs")
+        return {name(key, where): shaped(value, shape, f"{where}.{key}") for key, value in data.items()}
 
-def numerators(data: Any, where: str) -> dict[str, tuple[fmpq, ...]]:
-    """Numerators by the names of outputs."""
-    require(isinstance(data, dict) and len(data) <= MOST_OUTPUTS, f"{where} names at most {MOST_OUTPUTS} outputs")
-    return {name(key, where): shaped(value, POLYNOMIAL, f"{where}.{key}") for key, value in data.items()}
-
-
-def families(data: Any, where: str) -> dict[str, Any]:
-    """Coefficients in terms of parameters by the names of outputs."""
-    require(isinstance(data, dict) and len(data) <= MOST_OUTPUTS, f"{where} names at most {MOST_OUTPUTS} outputs")
-    return {name(key, where): shaped(value, COEFFICIENTS, f"{where}.{key}") for key, value in data.items()}
-
-
-def tables(data: Any, where: str) -> dict[str, tuple[tuple[fmpq, ...], ...]]:
-    """Rows for every instant of a schedule by the names of outputs."""
-    require(isinstance(data, dict) and len(data) <= MOST_OUTPUTS, f"{where} names at most {MOST_OUTPUTS} outputs")
-    return {name(key, where): shaped(value, VECTORS, f"{where}.{key}") for key, value in data.items()}
+    return read
 
 
 # A dictionary is an object of exactly these members, a tuple an array of such items, a list (item, least, most) an array of so many such
 # items, a set a choice; a pair with None may be null.
 PAIR = (real, real)
 POLYNOMIAL: list[Any] = [real, 1, MOST_POLES + 1]  # the highest power of s first
-PLANT = {"numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "outputs": numerators, "zeros": counts}
+PLANT = {"numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "outputs": by_name(POLYNOMIAL), "zeros": counts}
 LENGTH = {"time": real, "within": real}  # seconds after the move, and a fraction
 # The input's limits are absolute; fuel is what the move may use; with a sample time h the input is constant on each [kh, (k+1)h)
 LIMITS = {
     "input": PAIR,
     "fuel": (None, real),
-    "deflection": deflections,
+    "deflection": by_name(real),
     "rate": (None, PAIR),
     "pulse_width": (None, real),  # [s] of pieces whose level is not the initial input
     "pulses": (None, natural),  # how many of them there may be
@@ -132,8 +119,8 @@ TERMS: list[Any] = [(real, [natural, 1, 8]), 0, 1000]
 # the target by `final_tolerance` times the displacement (null: by any amount).
 COEFFICIENTS: list[Any] = [TERMS, 0, MOST_POLES + 1]  # the highest power of s first
 PARAMETER = {"name": name, "nominal": (None, real), "low": real, "high": real}
-LISTED = {"place": [real, 1, 8], "numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "outputs": numerators}
-FORM = {"numerator": COEFFICIENTS, "denominator": COEFFICIENTS, "outputs": families, "plants": [LISTED, 0, 1000]}
+LISTED = {"place": [real, 1, 8], "numerator": POLYNOMIAL, "denominator": POLYNOMIAL, "outputs": by_name(POLYNOMIAL)}
+FORM = {"numerator": COEFFICIENTS, "denominator": COEFFICIENTS, "outputs": by_name(COEFFICIENTS), "plants": [LISTED, 0, 1000]}
 BOX = {"parameters": [PARAMETER, 1, 8], **FORM, "tolerance": real, "final_tolerance": (None, real)}
 # A plant that varies instead: matrices at instants, the first 0, linear between them and constant after the last.
 MOST_STATES, MOST_INSTANTS = 50, 1000
@@ -144,7 +131,7 @@ SCHEDULE = {
     "B": VECTORS,
     "C": VECTORS,
     "D": [real, 1, MOST_INSTANTS],
-    "outputs": tables,
+    "outputs": by_name(VECTORS),  # rows for every instant
 }
 TASK = {
     "plants": [PLANT, 0, 1],
@@ -253,6 +240,7 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
         "times and multipliers of the tail are not negative, nor those of samples",
     )
     require(task.box is not None or not lower or not lower.samples, "samples of a box that the task does not have")
+    require(task.box is None or not lower or not lower.deflection, "multipliers of outputs are those of the box's plants")
     require(task.limits.fuel is None or task.limits.fuel > 0, "a budget of fuel is more than 0")
     for press in (*lower.deflection, *(press for sample in samples for press in sample.deflection)) if lower else ():
         require(press.output in task.limits.deflection, f"a multiplier of the output {press.output}, which is not limited")

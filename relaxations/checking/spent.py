@@ -84,7 +84,7 @@ def too_little(system: System, witness: Any, moved: Any) -> bool:
         return False
     if by_pole(system, fuel):
         return True
-    if not witness or witness.fuel == 0:
+    if not witness or witness.fuel == 0 or witness.steps or witness.ramps:  # those speak of another inequality
         return False
     numbers, price = moved(system, witness)
     return by_costate(system, numbers, price, witness.fuel)
