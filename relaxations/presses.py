@@ -110,7 +110,6 @@ class _Sum:
         self.basis = Basis(tuple(Pole(value, order) for value, order in orders.items()))
         self.begins = dict(zip(orders, np.cumsum([0, *list(orders.values())[:-1]]), strict=True))
         self.values = np.repeat(list(orders), list(orders.values()))
-        self.powers = np.concatenate([np.arange(order) for order in orders.values()])
         self.coefficients = np.zeros(len(self.values), dtype=complex)
         self.orders = orders
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rich.markup import escape
 from rich.table import Table
 
 from suite.comparison import Comparison
-from suite.console import coloured, out, short
+from suite.console import coloured, escape, out, short
 from suite.shaper_text import shaper_lines
 from suite.shaping import Shaping
 

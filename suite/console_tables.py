@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.markup import escape
 from rich.table import Table
 
 from suite import tradeoff_text
-from suite.console import out
+from suite.console import escape, out
 from suite.table_text import table_cells
 from suite.tables import Table as DisplacementTable
 from suite.tradeoffs import Tradeoff

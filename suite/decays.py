@@ -89,8 +89,9 @@ def table_series(file: Path, signal: str | None) -> tuple[str, Reals, Reals, flo
         with file.open(newline="", encoding="utf-8-sig") as lines:
             sample = lines.read(4096)
             lines.seek(0)
-            # Where commas are those of decimals, columns are separated by something else.
-            delimiter = next((mark for mark in ";\t" if mark in sample), ",")
+            # Where commas are those of decimals, columns are separated by something else: a row tells it, a name may hold anything.
+            row = (sample.splitlines()[:-1] or sample.splitlines() or [""])[-1]
+            delimiter = next((mark for mark in ";\t" if mark in row), ",")
             rows = [row for row in csv.reader(lines, delimiter=delimiter) if any(cell.strip() for cell in row)]
             if delimiter != ",":
                 rows = [[cell.replace(",", ".") if cell.count(",") == 1 else cell for cell in row] for row in rows]

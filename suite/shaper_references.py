@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from relaxations.shaping.splines import Spline, shape_spline
 from reports.files import json_bytes, write_atomically
 from suite.decays import table_series
 from suite.errors import SuiteError
+from suite.sources import read_json
 
 PER_PIECE = 20  # rows of a table in each piece that is no line
 TABLES = (".csv", ".tsv", ".txt")
@@ -58,18 +58,14 @@ class ShapedReference:
         }
 
 
-def read_reference(file: Path, signal: str | None = None) -> Reference:
+def read_reference(file: Path) -> Reference:
     """A command or spline file (JSON), or a table of samples. Raises `SuiteError`, `CommandError`, `OSError`."""
     if file.stat().st_size > LARGEST:
         raise SuiteError(f"{file} has more than {LARGEST} bytes")
     if file.suffix in TABLES:
-        _, times, values, _ = table_series(file, signal)
+        _, times, values, _ = table_series(file, None)
         return Reference("samples", file, Spline.through(times, values, degree=1))
-    text = file.read_text(encoding="utf-8")
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as problem:
-        raise CommandError(f"{file} is neither JSON ({COMMAND}, {SPLINE}) nor a table ({', '.join(TABLES)}): {problem}") from None
+    data = read_json(file, f"command or spline file (or a table: {', '.join(TABLES)})")
     made = data.get("format") if isinstance(data, dict) else None
     if made == SPLINE:
         return Reference("spline", file, Spline.from_dict(data))

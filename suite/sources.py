@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from relaxations import commands
 from relaxations.commands import Command
@@ -30,9 +31,8 @@ class SourceError(SuiteError):
     """A file that is no command or shaper file."""
 
 
-def read_command_or_shaper(path: Path, formats: tuple[str, ...] = (commands.FORMAT, shapers.FORMAT)) -> Command | Shaper:
-    """A file of one of the `formats`; of what `slewcert bound --json` printed the command, of a spline lines. Raises `SourceError`."""
-    what = " or ".join({commands.FORMAT: "command", shapers.FORMAT: "shaper"}[name] for name in formats) + " file"
+def read_json(path: Path, what: str) -> Any:
+    """What a JSON file holds; of what `slewcert bound --json` printed the command. Raises `SourceError`, `OSError`."""
     if path.is_dir():
         raise SourceError(f"{path} is a folder, not a {what}")
     try:
@@ -45,6 +45,13 @@ def read_command_or_shaper(path: Path, formats: tuple[str, ...] = (commands.FORM
         data = data["command"]
         if data is None:
             raise SourceError(f"{path} is the answer of a study without a command: there is none in it")
+    return data
+
+
+def read_command_or_shaper(path: Path, formats: tuple[str, ...] = (commands.FORMAT, shapers.FORMAT)) -> Command | Shaper:
+    """A file of one of the `formats`; of a spline lines. Raises `SourceError`, `OSError`."""
+    what = " or ".join({commands.FORMAT: "command", shapers.FORMAT: "shaper"}[name] for name in formats) + " file"
+    data = read_json(path, what)
     found = data.get("format") if isinstance(data, Mapping) else None
     if not isinstance(found, str) or not (found in formats or (found == SPLINE and commands.FORMAT in formats)):
         hint = ""

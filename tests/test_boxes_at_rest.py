@@ -130,7 +130,8 @@ def independent(plants: list[LinearPlant], displacement: float, tolerance: float
     return high
 
 
-@pytest.mark.parametrize("seed", [pytest.param(seed, marks=pytest.mark.slow) for seed in range(40)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(40))
 def test_random_boxes_against_an_independent_program(seed: int):
     """Theirs is a staircase of 100 levels, at 9 plants between which nothing is asked: longer and shorter than ours by some 1e-3."""
     rng = np.random.default_rng(seed)

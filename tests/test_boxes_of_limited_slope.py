@@ -55,9 +55,7 @@ def places(axes: tuple[Axis, ...], count: int) -> list[tuple[Fraction, ...]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("family", "axes", "displacement"), [(SPRING, TENTH, "0.5"), pytest.param(STIFFNESS, FIFTH, "1", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("family", "axes", "displacement"), [(SPRING, TENTH, "0.5"), (STIFFNESS, FIFTH, "1")])
 def test_another_program_finds_the_same_time(family: Family, axes: tuple[Axis, ...], displacement: str) -> None:
     lower, upper = sides(bound(family, axes, ("-3", "3"), displacement))
     plants = [family.member(place) for place in places(axes, 3)]

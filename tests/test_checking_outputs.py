@@ -31,6 +31,10 @@ def _enough_work() -> Any:
         yield
 
 
+def exactly(x: Any) -> fmpq:
+    return fmpq(*Fraction(x).as_integer_ratio())
+
+
 def plant(**others: Any) -> Any:
     return system(task(*PLANT, "2", outputs=OUTPUTS, deflection=DEFLECTION, **others))
 
@@ -172,15 +176,7 @@ def test_what_multipliers_of_outputs_take_off(sample_time: str | None) -> None:
     """p loses the impulse response h(s - τ) at a time to go τ, or its mean over those from begin to end."""
     posed = plant(sample_time=sample_time)
     roots = courses.common(posed.roots, 2)
-    presses = [
-        SimpleNamespace(
-            output=name,
-            begin=fmpq(*Fraction(b).as_integer_ratio()),
-            end=fmpq(*Fraction(e).as_integer_ratio()),
-            weight=fmpq(*Fraction(w).as_integer_ratio()),
-        )
-        for name, b, e, w in PRESSES
-    ]
+    presses = [SimpleNamespace(output=name, begin=exactly(b), end=exactly(e), weight=exactly(w)) for name, b, e, w in PRESSES]
     horizon = fmpq(3) if sample_time else arb(3)
     kicks = courses.pressed(posed, roots, presses, horizon)
     assert [float(arb(at_)) for at_, _ in kicks] == [0.25, 0.5, 1.0, 1.5]
@@ -203,15 +199,7 @@ def test_what_multipliers_of_outputs_add_from_a_start() -> None:
     """Each adds its weight times the output without an input, a time to go before the end: or the mean of it, 0 before the move."""
     posed = plant(initial_state=START)
     roots = courses.common(posed.roots, 2)
-    presses = [
-        SimpleNamespace(
-            output=name,
-            begin=fmpq(*Fraction(b).as_integer_ratio()),
-            end=fmpq(*Fraction(e).as_integer_ratio()),
-            weight=fmpq(*Fraction(w).as_integer_ratio()),
-        )
-        for name, b, e, w in PRESSES
-    ]
+    presses = [SimpleNamespace(output=name, begin=exactly(b), end=exactly(e), weight=exactly(w)) for name, b, e, w in PRESSES]
     state, expected = np.array([float(x) for x in START]), 0.0
     for name, b, e, w in PRESSES:
         begin, end, weight = float(b), float(e), float(w)
@@ -235,7 +223,7 @@ def outcome(prove: Any, *of: Any) -> str:
 
 def wave(*coefficients: Any) -> Wave:
     """A polynomial `Σ c_k s^k/k!`."""
-    return Wave.of((Root(acb(0), len(coefficients)),), [fmpq(*Fraction(c).as_integer_ratio()) for c in coefficients])
+    return Wave.of((Root(acb(0), len(coefficients)),), [exactly(c) for c in coefficients])
 
 
 @pytest.mark.parametrize(
@@ -310,7 +298,7 @@ def tailed(**others: Any) -> Any:
 def tail_numbers(posed: Any, real: tuple[str, str], pair: tuple[str, str]) -> list[fmpq]:
     """Coefficients in the flat order of the zeros."""
     numbers = [x for zero in posed.zeros for x in (pair if zero.flexible else real)]
-    return [fmpq(*Fraction(x).as_integer_ratio()) for x in numbers]
+    return [exactly(x) for x in numbers]
 
 
 def after_the_move(output: str | None, real: tuple[str, str], pair: tuple[str, str], r: Any) -> Any:
@@ -320,7 +308,10 @@ def after_the_move(output: str | None, real: tuple[str, str], pair: tuple[str, s
     )
     if output is None:
         above, below = np.poly1d([1.0, 0.0]), np.poly1d([1.0])
-    gain = lambda z: above(z) / below(z)  # noqa: E731
+
+    def gain(z: complex) -> complex:
+        return above(z) / below(z)
+
     slope = (above.deriv()(-3) * below(-3) - above(-3) * below.deriv()(-3)) / below(-3) ** 2
     first, second = (float(x) for x in real)
     z, c = -1 + 2j, complex(*(float(x) for x in pair))
@@ -344,10 +335,6 @@ def test_what_a_tail_does_after_the_move(output: str | None) -> None:
     else:  # rests at 2 N(0)/45
         rest = 2 * exactly(OUTPUTS[output][-1]) / 45
         assert (above, below) == (50 - rest, 50 + rest)
-
-
-def exactly(x: str) -> fmpq:
-    return fmpq(*Fraction(x).as_integer_ratio())
 
 
 def test_the_controlled_output_is_not_moved_by_a_tail() -> None:

@@ -1,4 +1,7 @@
-"""Exported libraries for Windows, macOS and Linux on both processors, run in an emulator: the same signals as from this machine's own."""
+"""Exported libraries for Windows, macOS and Linux on both processors, run in an emulator: all give the same signal.
+
+This machine's own library runs without one in test_cross_compiling.py and test_exported_shapers.py.
+"""
 
 from __future__ import annotations
 

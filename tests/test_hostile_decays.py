@@ -32,6 +32,7 @@ HARMLESS = {
     "after an epoch": table(TIMES + 1.7e6, VALUES),
     "before zero": table(TIMES - 10.0, VALUES),
     "decimal commas": table(TIMES, VALUES).replace(",", ";").replace(".", ","),
+    "a name with a semicolon": "time [s],x; filtered\n" + table(TIMES, VALUES).partition("\n")[2],
     "some rows twice": table(np.repeat(TIMES, 1 + (np.arange(500) % 5 == 0)), np.repeat(VALUES, 1 + (np.arange(500) % 5 == 0))),
 }  # fmt: skip
 

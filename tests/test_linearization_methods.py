@@ -6,7 +6,6 @@ output does not show (a pole with a zero on it, of the twin's whole state) is le
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,7 +25,6 @@ EQUAL = 1e-6
 SAME = 1e-9  # of a pole and the zero on it, relative: they cancel
 MAIN = {entry.name: entry.output for entry in catalogue()}
 Roots = list[complex]
-VERSIONS: tuple[FmiVersion, ...] = ("2.0", "3.0")
 
 
 @pytest.fixture(scope="module")
@@ -81,16 +79,7 @@ def test_derivatives_and_differences_are_the_twin(name: str, version: FmiVersion
             assert compare(name, version, output, method, worker, tmp_path) < EQUAL, (output, method)
 
 
-QUICK = ("two_mass", "stirred_tanks")
-
-
-@pytest.mark.parametrize(
-    ("name", "version"),
-    [
-        pytest.param(name, version, marks=pytest.mark.slow if name not in QUICK else ())
-        for name, version in zip(shipped(), itertools.cycle(VERSIONS), strict=False)
-    ],
-)
+@pytest.mark.parametrize(("name", "version"), [("two_mass", "2.0"), ("stirred_tanks", "3.0")])
 def test_what_is_identified_is_the_twin(name: str, version: FmiVersion, worker: Worker, tmp_path: Path) -> None:
     """One version each, to be quick; both below."""
     assert compare(name, version, MAIN[name], "identified", worker, tmp_path) < EQUAL

@@ -70,7 +70,8 @@ def test_a_table_has_every_knot_and_both_sides_of_a_jump(tmp_path: Path):
         (["--reference", "c.json", "--shaped", "o.csv"], ["what becomes of a command is a command"]),
         (["--reference", "l.json", "--shaped", "o.json"], ['"format" None', "slewcert-spline/1", "slewcert-command/1"]),
         (["--reference", "no.csv", "--shaped", "o.json"], ["no.csv", "line 3", "'x'"]),
-        (["--reference", "words", "--shaped", "o.json"], ["neither JSON", ".csv"]),
+        (["--reference", "words", "--shaped", "o.json"], ["JSON", ".csv"]),
+        (["--reference", "bytes.json", "--shaped", "o.json"], ["bytes.json is no text file"]),
     ],
 )
 def test_mistakes_are_named(words: list[str], told: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -78,6 +79,7 @@ def test_mistakes_are_named(words: list[str], told: list[str], tmp_path: Path, m
     (tmp_path / "c.json").write_text(FILES["command"])
     (tmp_path / "l.json").write_text("[1]")
     (tmp_path / "words").write_text("words")
+    (tmp_path / "bytes.json").write_bytes(b"\xff\xfe")
     (tmp_path / "no.csv").write_text("t,x\n0,1\n1,two\n")
     done = run("zv", *MODE, *words)
     assert done.exit_code == 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -26,12 +27,7 @@ ROUNDING = 1e-12  # at the mode: phasors of doubles
 def kept(kind: str, damping: float, tolerance: float) -> None:
     mode = Mode(FREQUENCY, damping)
     request = Request((mode,), tolerance=tolerance, bands=() if kind == "si" else ((1.0, 1.0, tolerance),))
-    try:
-        found = assess(kind, request)
-    except (ShaperError, SolverError) as problem:
-        if "possible" not in str(problem):
-            raise
-        return
+    found = assess(kind, request)
     assert math.isclose(math.fsum(found.shaper.amplitudes), 1.0, abs_tol=1e-12)
     assert found.least is None or 0.0 < found.least.duration <= found.shaper.duration
     if found.least is None:
@@ -45,7 +41,12 @@ def kept(kind: str, damping: float, tolerance: float) -> None:
 @pytest.mark.parametrize(("damping", "tolerance"), list(itertools.product(DAMPINGS, TOLERANCES)))
 @pytest.mark.parametrize("kind", KINDS)
 def test_any_damping_and_any_tolerance(kind: str, damping: float, tolerance: float) -> None:
-    kept(kind, damping, tolerance)
+    """Made, or refused with what would be possible."""
+    try:
+        kept(kind, damping, tolerance)
+    except (ShaperError, SolverError) as problem:
+        if not re.search(r"\bpossible\b", str(problem)):
+            raise
 
 
 @pytest.mark.parametrize(
