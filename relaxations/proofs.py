@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
@@ -33,7 +33,6 @@ from relaxations.bounds import (
     exponent_of,
     instants,
 )
-from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
 from relaxations.courses import respects
@@ -41,23 +40,22 @@ from relaxations.degenerate import beneath, settled
 from relaxations.duality import Costate
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
+from relaxations.onoff.held import held_time
 from relaxations.plants import fraction
 from relaxations.polishing import Polished, polish
 from relaxations.prices import Prices
 from relaxations.refinement import Extremal, outline
-from relaxations.repair import SNAP, pivots, zoomed
+from relaxations.repair import SNAP, zoomed
 from relaxations.robust.proofs import robust_time
 from relaxations.robust.search import further, minimum
 from relaxations.sampling import sampled_bracket
-from relaxations.sides import RADII, Proof, Side, accepted, closing, concluded, instant_proof, landed, lower_side, rounded
+from relaxations.sides import Proof, Side, accepted, closing, concluded, instant_proof, landed, lower_side
 from relaxations.spending import spending
-from relaxations.thrusters import Pulsed, admissible, pulsed_commands
+from relaxations.switched import thrust, witnesses
+from relaxations.thrusters import admissible, pulsed_commands
 from relaxations.varying import varying_time
 
 Reals = NDArray[np.float64]
-
-SMALL = 1e-7
-"""The finest of them times the equations' condition: the test contracts where that is small."""
 
 BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
@@ -89,6 +87,8 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         if check(content).outcome is Outcome.PROVED:
             nothing = np.zeros(problem.size)
             return Bound(Status.IMPOSSIBLE, 0.0, None, nothing, None, None, None, 0, time.perf_counter() - begun, certificate=content)
+    if problem.maneuver.limits.held:
+        return held_time(problem, task, chosen, near, begun, minimum_time)
     if problem.maneuver.limits.pulsed:
         return replace(_pulsed(problem, task, chosen, near), seconds=time.perf_counter() - begun)
     if problem.residuals is not None:
@@ -159,22 +159,10 @@ def _pulsed(problem: Problem, task: dict[str, Any], settings: Settings, near: fl
         return concluded(task, replace(proof, upper=upper, command=first.command, switches=first.switches), first, 0.0)
     if first.upper is not None:
         for found in pulsed_commands(problem, first.lower)[:TRIED]:
-            if (proven := _thrust(problem, task, found)) is not None:
+            if (proven := thrust(problem, task, found)) is not None:
                 return concluded(task, replace(proven, lower=proof.lower), first, 0.0)
     why = "no command with such pulses was found" if first.upper is not None else first.reason
     return concluded(task, proof, replace(first, upper=None, command=None, switches=None, reason=why), 0.0)
-
-
-def _thrust(problem: Problem, task: dict[str, Any], found: Pulsed) -> Proof | None:
-    """The upper side of a command of pulses."""
-    for witness in _witnesses(problem, found.levels, found.maneuver_time, found.starts, np.zeros(0)):
-        for margin in (1e-14, 1e-13, 1e-12):
-            side = Side(Fraction(found.maneuver_time * (1.0 + margin)), witness)
-            if accepted(task, upper=side):
-                segments = tuple(Segment(float(start), float(level)) for start, level in zip(found.starts, found.levels, strict=True))
-                command = Command(rounded(side.claim, np.inf), segments, Tail(problem.absolute(problem.hold)))
-                return Proof(None, side, command, len(segments) - 1)
-    return None
 
 
 def _rests_on_a_limit(problem: Problem) -> bool:
@@ -228,7 +216,7 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
     witness = certificates.costate_witness(problem, polished.costate, polished.multipliers, Prices(polished.fuel))
     lower: Side | None = Side(Fraction(float(np.nextafter(middle, 0.0))), witness)
     above = Fraction(float(np.nextafter(middle, np.inf)))
-    for upper in _witnesses(problem, extremal.exact_levels[::-1], polished.maneuver_time, polished.starts, polished.tail):
+    for upper in witnesses(problem, extremal.exact_levels[::-1], polished.maneuver_time, polished.starts, polished.tail):
         side = Side(above, upper)
         if content := accepted(task, lower, side):
             return Proof(lower, side, _bang_bang(problem, extremal, polished, above), len(polished.starts) - 1, content)
@@ -238,38 +226,12 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
 def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: Bound) -> Side | None:
     """The upper side of an extremal in doubles."""
     starts = np.concatenate([[0.0], extremal.maneuver_time - extremal.switches_to_go[::-1]])  # of the command some may have merged
-    for witness in _witnesses(problem, extremal.exact_levels[::-1], extremal.maneuver_time, starts, found.tail):
+    for witness in witnesses(problem, extremal.exact_levels[::-1], extremal.maneuver_time, starts, found.tail):
         for margin in (1e-14, 1e-13, 1e-12):
             side = Side(Fraction(extremal.maneuver_time * (1.0 + margin)), witness)
             if accepted(task, upper=side):
                 return side
     return None
-
-
-def _witnesses(problem: Problem, levels: Sequence[Fraction], duration: Number, starts: Numbers, tail: Numbers) -> Iterator[dict[str, Any]]:
-    """Witnesses of a command of these absolute levels, one for each radius: as many unknowns as equations, the best conditioned ones.
-
-    At an extremal the switches alone are singular, so the duration is one of them, or a tail coefficient where the tail touches a limit.
-    """
-    count, size = len(starts), problem.size
-    if count + problem.tail.size < size:
-        return  # a degenerate optimum: fewer unknowns than equations
-    names: list[list[Any]] = [["time", 0, 0], *(["start", i, 0] for i in range(1, count)), *certificates.tail_unknowns(problem)]
-    jumps = np.diff([float(level - problem.maneuver.rest) for level in levels], prepend=0.0)
-    to_go = np.array([float(duration) - float(start) for start in starts])
-    slopes = float(duration) * problem.rows(to_go) * jumps
-    largest = max((abs(float(c)) for c in tail), default=0.0) or 1.0
-    drift = float(duration) * problem.aim(np.array([float(duration)]))[1]
-    columns = np.hstack([slopes.sum(axis=1, keepdims=True) - drift, slopes[:, 1:], -problem.tail.columns * largest])
-    sizes = np.abs(columns).max(axis=1)
-    if not (sizes > 0).all() or not np.isfinite(sizes).all():
-        return  # moments beyond what doubles hold: e^{ps} of a fast pole is 0 where it would count
-    columns /= sizes[:, None]
-    free = [names[i] for i in np.sort(pivots(columns)[:size])]
-    finest = min(RADII[0], SMALL / problem.frame.condition) if problem.frame else RADII[0]
-    for radius in (finest, *RADII[1:]) if isinstance(duration, Fraction) else RADII[2:]:
-        chains = certificates.tail_chains(problem, tail)
-        yield certificates.command_witness(duration, starts, levels, chains, free, radius * float(duration))
 
 
 def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: Fraction) -> Command:

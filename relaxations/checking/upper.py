@@ -14,7 +14,7 @@ from typing import Any
 
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes, courses, ramps
+from relaxations.checking import boxes, changes, courses, ramps
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -230,6 +230,8 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     if system.task.limits.rate is not None:
         ramps.prove(system, command, n)
     limits = system.task.limits
+    if limits.held:
+        changes.form(system, command[n + 1 : 2 * n + 1])
     pulses = [i for i in range(n) if not arb(command[n + 1 + i]).is_zero()]  # every piece that is not exactly at the initial input
     if limits.pulse_width or limits.pulses:
         full = all(command[n + 1 + i] in (system.lower, system.upper) for i in pulses)
