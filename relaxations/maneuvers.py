@@ -182,7 +182,8 @@ class Problem:
         return np.concatenate([target.basis.derivative(part) for target, part in zip(self.sets, parts, strict=True)])
 
 
-def _extra_zeros(plant: LinearPlant, robustness: int | Mapping[str, int]) -> dict[complex, int]:
+def extra_zeros(plant: LinearPlant, robustness: int | Mapping[str, int]) -> dict[complex, int]:
+    """How many further zeros each pole gets, by the pole; raises `ManeuverError` for modes that are not the plant's."""
     named = {f"mode[{i}]": pole for i, pole in enumerate(plant.flexible, 1)} | {f"real[{i}]": pole for i, pole in enumerate(plant.real, 1)}
     if isinstance(robustness, Mapping):
         unknown = sorted(set(robustness) - set(named))
@@ -203,7 +204,7 @@ def target_set(plant: LinearPlant, maneuver: Maneuver) -> TargetSet:
     Off the origin the moments equal those of holding u_ss for ever; at the origin all vanish but the highest, which carries the
     displacement.
     """
-    extra = _extra_zeros(plant, maneuver.robustness)
+    extra = extra_zeros(plant, maneuver.robustness)
     basis = Basis(tuple(Pole(pole.value, pole.multiplicity + extra.get(pole.value, 0)) for pole in plant.poles))
     hold = float(plant.rest_input(maneuver.displacement))
     target = basis.hold(hold)
@@ -223,7 +224,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
     if maneuver.tail:
         if len(plants) != 1:
             raise ManeuverError("an output rest is a matter of one plant: a tail hides in the zeros of that plant only")
-        plants, whole = [_visible(plant) for plant in plants], plants[0]
+        plants, whole = [visible(plant) for plant in plants], plants[0]
         if maneuver.initial is not None and plants[0].order != whole.order:
             raise ManeuverError(
                 "an initial state moves modes that the output cannot see: state rest (tail = false) brings them to rest too"
@@ -385,7 +386,7 @@ def _sensitivities(plant: LinearPlant, maneuver: Maneuver) -> dict[complex, tupl
     return {named[name]: sensitivity for name, sensitivity in asked.items()}
 
 
-def _visible(plant: LinearPlant) -> LinearPlant:
+def visible(plant: LinearPlant) -> LinearPlant:
     """The plant as its output sees it; raises `ManeuverError` if a mode that the output cannot see does not decay."""
     numerator = plant.numerators[plant.output]
     common = numerator.gcd(plant.denominator)
