@@ -21,12 +21,13 @@ from relaxations.frames import Frame
 from relaxations.initial import at_rest, moments, moved
 from relaxations.limits import Limits
 from relaxations.moments import Basis
-from relaxations.plants import LinearPlant, Pole, roots
+from relaxations.plants import LinearPlant, Pole
 from relaxations.ramps import hats, rate_of
 from relaxations.robust.boxes import Box, at
 from relaxations.robust.residuals import Residuals, Sample
 from relaxations.tails import Aspect, TailLength, TailSpace, caps, passed, sloping, tail_columns, turning
 from relaxations.transitions import Transition
+from relaxations.visibility import visible
 
 Reals = NDArray[np.float64]
 
@@ -384,18 +385,3 @@ def _sensitivities(plant: LinearPlant, maneuver: Maneuver) -> dict[complex, tupl
     if wrong:
         raise ManeuverError(f"a shift of {', '.join(wrong)} is more than 0, a residual 0 or more")
     return {named[name]: sensitivity for name, sensitivity in asked.items()}
-
-
-def visible(plant: LinearPlant) -> LinearPlant:
-    """The plant as its output sees it; raises `ManeuverError` if a mode that the output cannot see does not decay."""
-    numerator = plant.numerators[plant.output]
-    common = numerator.gcd(plant.denominator)
-    if common.degree() <= 0:
-        return plant
-    lasting = [pole.value for pole in roots(common) if pole.value.real >= 0]
-    if lasting:
-        shown = ", ".join(f"{value:.6g}" for value in lasting)
-        raise ManeuverError(f"hidden modes: the output cannot see {shown}, which do not decay; state rest (tail = false) includes them")
-    note = f"{common.degree()} hidden modes decay unseen by the output and were dropped from the output rest"
-    lead = common / common.leading_coefficient()
-    return LinearPlant(plant.denominator / lead, {plant.output: numerator / lead}, plant.output, (*plant.notes, note))

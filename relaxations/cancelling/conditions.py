@@ -18,9 +18,10 @@ from flint import fmpq_poly
 from numpy.typing import NDArray
 
 from relaxations.errors import PlantError
-from relaxations.maneuvers import extra_zeros, visible
+from relaxations.maneuvers import extra_zeros
 from relaxations.plants import LinearPlant, Pole, fraction, taylor
 from relaxations.shaping.shapers import ShaperTerm
+from relaxations.visibility import visible
 
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
