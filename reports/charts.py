@@ -36,7 +36,8 @@ _COLOURS = {
     _UNSURE: "var(--chart-unsure, #9a6700)",
     _FOURTH: "var(--chart-fourth, #7b2d8b)",
 }
-INK, FAINT, LINE, SECOND, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _LIMIT, _BAD, _UNSURE  # of charts in other modules
+# of charts in other modules
+INK, FAINT, LINE, SECOND, FOURTH, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _FOURTH, _LIMIT, _BAD, _UNSURE
 _FONT = "var(--chart-font, system-ui, sans-serif)"
 _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions of matplotlib name
     "axes.edgecolor": _INK,
@@ -345,6 +346,14 @@ def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Ax
         axes = list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
         fill(figure, axes)
         _tidy_offsets(axes[0])
+        return _svg(figure, name)
+
+
+def stacked(name: str, ratios: Sequence[float], height: float, fill: Callable[[Figure, list[Axes]], None]) -> str:
+    """A chart of panels over one another, `height` inches high in all and in these `ratios`; `fill` draws into them."""
+    with mpl.rc_context(_rc(name)):
+        figure = Figure(figsize=(_WIDTH, height), layout="constrained")
+        fill(figure, list(figure.subplots(len(ratios), 1, height_ratios=list(ratios))))
         return _svg(figure, name)
 
 
