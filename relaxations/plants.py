@@ -125,6 +125,17 @@ def _residues(numerator: fmpq_poly, denominator: fmpq_poly, pole: acb, multiplic
     return tuple(reversed(quotient))  # the series' first term belongs to the highest power
 
 
+def taylor(numerator: fmpq_poly, denominator: fmpq_poly, at: complex, count: int) -> tuple[complex, ...]:
+    """The first `count` Taylor coefficients of numerator/denominator at a point that is no root of the denominator."""
+    with precision(ROOT_BITS):
+        shift, padding = acb_poly([acb(at.real, at.imag), 1]), [acb(0)] * count
+        above, below = ([*acb_poly(p)(shift).coeffs(), *padding] for p in (numerator, denominator))
+        series: list[acb] = []
+        for k in range(count):
+            series.append((above[k] - sum((series[i] * below[k - i] for i in range(k)), acb(0))) / below[0])
+        return tuple(map(_midpoint, series))
+
+
 @dataclass(frozen=True, slots=True)
 class Partial:
     """An output in partial fractions: `D + Σ_i Σ_k residues[i][k-1] / (s - p_i)^k` (a conjugate pair counts twice, as 2 Re)."""
