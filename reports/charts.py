@@ -339,21 +339,15 @@ def shaping(
         return _svg(figure, name)
 
 
-def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Axes]], None]) -> str:
-    """A chart of `count` panels side by side with one vertical axis, `height` inches high; `fill` draws into them."""
+def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Axes]], None], *, stacked: Sequence[float] = ()) -> str:
+    """A chart of `count` panels side by side with one vertical axis, or `stacked` over one another in these ratios, `height` inches high."""
     with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=(_WIDTH + 0.8, height), layout="constrained")
-        axes = list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
+        figure = Figure(figsize=(_WIDTH if stacked else _WIDTH + 0.8, height), layout="constrained")
+        side: dict[str, Any] = {"height_ratios": list(stacked)} if stacked else {"sharey": True}
+        axes = list(figure.subplots(count if stacked else 1, 1 if stacked else count, squeeze=False, **side).flat)
         fill(figure, axes)
-        _tidy_offsets(axes[0])
-        return _svg(figure, name)
-
-
-def stacked(name: str, ratios: Sequence[float], height: float, fill: Callable[[Figure, list[Axes]], None]) -> str:
-    """A chart of panels over one another, `height` inches high in all and in these `ratios`; `fill` draws into them."""
-    with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=(_WIDTH, height), layout="constrained")
-        fill(figure, list(figure.subplots(len(ratios), 1, height_ratios=list(ratios))))
+        if not stacked:
+            _tidy_offsets(axes[0])
         return _svg(figure, name)
 
 

@@ -77,4 +77,4 @@ def timing_errors(
         below.margins(x=0.01)
         figure.legend(*below.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
-    return charts.stacked(name, (2.0, 2.6, 3.8), 7.4, fill)
+    return charts.panels(name, 3, 7.4, fill, stacked=(2.0, 2.6, 3.8))
