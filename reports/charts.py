@@ -340,7 +340,7 @@ def shaping(
 
 
 def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Axes]], None], *, stacked: Sequence[float] = ()) -> str:
-    """A chart of `count` panels side by side with one vertical axis, or `stacked` over one another in these ratios, `height` inches high."""
+    """A chart of `count` panels side by side with one vertical axis, or `stacked` over one another in these ratios; `height` in inches."""
     with mpl.rc_context(_rc(name)):
         figure = Figure(figsize=(_WIDTH if stacked else _WIDTH + 0.8, height), layout="constrained")
         side: dict[str, Any] = {"height_ratios": list(stacked)} if stacked else {"sharey": True}
