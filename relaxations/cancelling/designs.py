@@ -59,9 +59,8 @@ def design(structure: Structure) -> Prefilter:
     """
     free = structure.freedom
     if free < 0:
-        raise ShaperError(
-            f"{structure.counted} cannot satisfy them with {_delays(structure.form.delays)}; with this form it takes {_enough(structure)} delays"
-        )
+        enough = f"with this form it takes {_enough(structure)} delays"
+        raise ShaperError(f"{structure.counted} cannot satisfy them with {_delays(structure.form.delays)}; {enough}")
     if free > 0 and not structure.bounds:
         raise ShaperError(f"{structure.counted} and {_delays(structure.form.delays)}; {UNBOUNDED}")
     if structure.contradiction is not None:
