@@ -86,7 +86,7 @@ def cancelled(study: Study, asked: CancellingRequest, plant: LinearPlant, posed:
     except ImpossibleShaperError:
         raise
     except (PlantError, ManeuverError) as problem:
-        raise _refused(study, "zeros" if asked.zeros is not None else "kind", str(problem)) from None
+        raise _refused(study, "zeros" if asked.zeros else "kind", str(problem)) from None
     except RelaxationsError as problem:
         raise _refused(study, "delays", str(problem), asked.delays) from None
     displacement = Fraction(study.maneuver.displacement)

@@ -86,9 +86,10 @@ class Design:
         """That the command is another one than the bracket's, but for the same task."""
         count, time, lower = len(made.prefilter.delays) - 1, made.prefilter.duration, self.bound.lower
         more = f", {time / lower - 1.0:.2%} more than the lower bound" if lower > 0.0 else ""
+        delays = f"{count} delay{'s' * (count > 1)}"
         return (
-            f'The command is a step through a pole-zero cancelling filter of {count} delay{"s" * (count > 1)}, form "{made.form}"; '
-            f"it takes {time:.9g} s{more}. It is the shortest of its form that was found; proven is the bracket, of all commands within the limits."
+            f'The command is a step through a pole-zero cancelling filter of {delays}, form "{made.form}"; it takes {time:.9g} s{more}. '
+            "It is the shortest of its form that was found; proven is the bracket, of all commands within the limits."
         )
 
 

@@ -184,7 +184,7 @@ class CancellingRequest:
     """A pole-zero cancelling filter of a form with so many delays (`relaxations.cancelling`), in front of the plant.
 
     `gains` bound its steps for this displacement (input units); `zeros` are the numbers of the plant's zeros that it cancels (None: all
-    left of the imaginary axis). `instants` [s] are the delays themselves, where they are given; with a `sample_time` [s] they are whole samples.
+    left of the imaginary axis). `instants` [s] are the delays, where they are given; with a `sample_time` [s] they are whole samples.
     """
 
     delays: int
