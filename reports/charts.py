@@ -36,7 +36,16 @@ _COLOURS = {
     _UNSURE: "var(--chart-unsure, #9a6700)",
     _FOURTH: "var(--chart-fourth, #7b2d8b)",
 }
-INK, FAINT, LINE, SECOND, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _LIMIT, _BAD, _UNSURE  # of charts in other modules
+INK, FAINT, LINE, SECOND, LIMIT, BAD, UNSURE, FOURTH = (
+    _INK,
+    _FAINT,
+    _LINE,
+    _SECOND,
+    _LIMIT,
+    _BAD,
+    _UNSURE,
+    _FOURTH,
+)  # of charts in other modules
 _FONT = "var(--chart-font, system-ui, sans-serif)"
 _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions of matplotlib name
     "axes.edgecolor": _INK,
@@ -340,11 +349,18 @@ def shaping(
 
 def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Axes]], None]) -> str:
     """A chart of `count` panels side by side with one vertical axis, `height` inches high; `fill` draws into them."""
+    return grid(name, 1, count, (_WIDTH + 0.8, height), fill, sharey=True)
+
+
+def grid(
+    name: str, rows: int, columns: int, size: tuple[float, float], fill: Callable[[Figure, list[Axes]], None], *, sharey: bool = False
+) -> str:
+    """A chart of `rows` times `columns` panels, of this size [inches]; `fill` draws into them."""
     with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=(_WIDTH + 0.8, height), layout="constrained")
-        axes = list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
+        figure = Figure(figsize=size, layout="constrained")
+        axes = [one for row in figure.subplots(rows, columns, sharey=sharey, squeeze=False) for one in row]
         fill(figure, axes)
-        _tidy_offsets(axes[0])
+        _tidy_offsets(*(axes[:1] if sharey else axes))
         return _svg(figure, name)
 
 

@@ -1,0 +1,198 @@
+"""Charts of minimum times against fuel: how long a move takes, when the thrusters switch, and what else a budget decides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any, Protocol
+
+import numpy as np
+
+from reports import charts
+from reports.charts import FAINT, FOURTH, INK, LIMIT, LINE, SECOND, UNSURE, Limit
+
+LOOKS: tuple[dict[str, Any], ...] = (
+    {"color": INK, "linestyle": (0, (6, 2))},
+    {"color": LINE, "linestyle": "-"},
+    {"color": SECOND, "linestyle": (0, (5, 1.5, 1, 1.5))},
+    {"color": FOURTH, "linestyle": (0, (1, 1.2))},
+)
+HIGH, LOW, ALPHA = LINE, SECOND, 0.30  # of pulses, one side and the other
+PANEL = 4.4, 3.5  # inches
+ROOM = 1.22  # times the largest value: how high an axis is, so that the legend has a place
+
+
+class Panel(Protocol):
+    """What draws itself into axes."""
+
+    def draw(self, axes: Any) -> None:
+        """Into these axes of matplotlib."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """Budgets that are marked in every panel: nodes by their numbers, and the study's own (None: it has none)."""
+
+    nodes: Mapping[int, float]
+    own: float | None = None
+
+    def draw(self, axes: Any, *, named: bool = True) -> None:
+        """Vertical lines, numbered at the top."""
+        for number, fuel in self.nodes.items():
+            axes.axvline(fuel, color=LIMIT, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1)
+            if named and number <= 3:
+                axes.annotate(
+                    f"n = {number}", (fuel, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -9), textcoords="offset points",
+                    fontsize=8, color=LIMIT,
+                )  # fmt: skip
+        if self.own is not None:
+            axes.axvline(self.own, color=INK, linewidth=0.8, linestyle=":", zorder=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """A kind's minimum times over `fuels` (n,), ascending: both sides [s] (NaN: none), "proved", "bracketed" or "impossible" each.
+
+    `between` holds the lower side that is proven between each budget and the next, (n - 1,); NaN: nothing, infinite: no time is enough.
+    """
+
+    label: str
+    fuels: Sequence[float]
+    lower: Sequence[float]
+    upper: Sequence[float]
+    states: Sequence[str]
+    between: Sequence[float]
+    look: int
+
+
+@dataclass(frozen=True, slots=True)
+class SlewTimes:
+    """Minimum time against fuel, a line a kind; what is proven too short even for the first kind is shaded.
+
+    `held` are further lines (label, fuels, times) of commands that are held in a form, with the look of the kind they belong to.
+    """
+
+    curves: Sequence[Times]
+    fuel: str
+    marks: Marks
+    title: str
+    held: Sequence[tuple[str, Sequence[float], Sequence[float], int]] = ()
+
+    def draw(self, axes: Any) -> None:
+        """See above."""
+        first = self.curves[0]
+        known = np.array([t for one in self.curves for t in one.upper if np.isfinite(t)] or [1.0])
+        floor, ceiling = max(known.min() - 0.2 * np.ptp(known), 0.0), known.max() + 0.06 * (np.ptp(known) or known.max())
+        axes.set_ylim(floor, ceiling)
+        edges = np.repeat(np.array(first.fuels), 2)[1:-1]
+        below = np.repeat([min(t, ceiling) if t == t else floor for t in first.between], 2)
+        told = f"too fast for any {first.label} command: proven"
+        axes.fill_between(edges, floor, below, color=FAINT, alpha=0.8, linewidth=0, zorder=0, label=told)
+        for one in self.curves:
+            x, upper, states = np.array(one.fuels), np.array(one.upper), np.array(one.states)
+            axes.plot(x, np.where(states == "proved", upper, np.nan), label=one.label, zorder=3, **LOOKS[one.look % 4])
+            open_ = (states == "bracketed") & np.isfinite(upper)
+            if open_.any():
+                axes.plot(x[open_], upper[open_], "D", color=UNSURE, markersize=4.0, markerfacecolor="none", label="bracketed", zorder=4)
+        for label, fuels, times, look in self.held:
+            axes.plot(fuels, times, color=LOOKS[look % 4]["color"], linewidth=3.5, alpha=0.35, solid_capstyle="butt", label=label, zorder=2)
+        self.marks.draw(axes)
+        axes.set_title(self.title, loc="left")
+        axes.set_xlabel(self.fuel)
+        axes.set_ylabel("slew time [s]")
+        axes.margins(x=0.02)
+        _legend(axes)
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """Something that is measured of the commands against fuel, a line a kind: label, fuels, values, look; `limit` is a level."""
+
+    curves: Sequence[tuple[str, Sequence[float], Sequence[float], int]]
+    fuel: str
+    quantity: str
+    marks: Marks
+    title: str
+    logarithmic: bool = False
+    limit: Limit | None = None
+
+    def draw(self, axes: Any) -> None:
+        """See above."""
+        for label, fuels, values, look in self.curves:
+            axes.plot(fuels, values, label=label, zorder=3, **LOOKS[look % 4])
+        if self.limit is not None:
+            axes.axhline(self.limit.value, color=LIMIT, linewidth=1.0, linestyle=(0, (4, 3)), label=self.limit.label)
+        if self.logarithmic:
+            axes.set_yscale("log")
+            axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")
+        else:
+            top = max((v for _, _, values, _ in self.curves for v in values if np.isfinite(v)), default=1.0)
+            axes.set_ylim(0.0, ROOM * top or 1.0)
+        self.marks.draw(axes)
+        axes.set_title(self.title, loc="left")
+        axes.set_xlabel(self.fuel)
+        axes.set_ylabel(self.quantity)
+        axes.margins(x=0.02)
+        _legend(axes, len(self.curves))
+
+
+@dataclass(frozen=True, slots=True)
+class Profiles:
+    """When the input is where, against fuel: a profile is (switches [s], sides), None: not on or off. `names` are those of the limits."""
+
+    fuels: Sequence[float]
+    profiles: Sequence[tuple[Sequence[float], Sequence[int]] | None]
+    names: tuple[str, str]
+    fuel: str
+    marks: Marks
+    title: str
+
+    def draw(self, axes: Any) -> None:
+        """Budgets whose profiles have the same arcs are one area."""
+        seen: set[int] = set()
+        rows = [(u, p) for u, p in zip(self.fuels, self.profiles, strict=True) if p is not None]
+        groups = [(sides, list(group)) for sides, group in groupby(rows, key=lambda row: tuple(row[1][1]))]
+        ends = [(group[0][0], group[-1][0]) for _, group in groups]
+        for k, (sides, group) in enumerate(groups):
+            fuels, times = zip(*((u, p[0]) for u, p in group), strict=True)
+            x, edges = np.array([fuels[0], *fuels, fuels[-1]]), np.array([times[0], *times, times[-1]])
+            if k > 0:  # two areas meet halfway between their budgets
+                x[0] = (ends[k - 1][1] + fuels[0]) / 2
+            if k < len(groups) - 1:
+                x[-1] = (fuels[-1] + ends[k + 1][0]) / 2
+            for i, side in enumerate(sides):
+                if side:
+                    label = {} if side in seen else {"label": self.names[0] if side > 0 else self.names[1]}
+                    axes.fill_between(x, edges[:, i], edges[:, i + 1], color=HIGH if side > 0 else LOW, alpha=ALPHA, linewidth=0, **label)
+                    seen.add(side)
+            axes.plot(x, edges[:, 1:-1], color=INK, linewidth=0.7)
+            axes.plot(x, edges[:, -1], color=INK, linewidth=1.4, **({} if 0 in seen else {"label": "end of the move"}))
+            seen.add(0)
+        self.marks.draw(axes)
+        axes.set_ylim(bottom=0.0)
+        axes.set_title(self.title, loc="left")
+        axes.set_xlabel(self.fuel)
+        axes.set_ylabel("time in the move [s]")
+        axes.margins(x=0.02)
+        _legend(axes)
+
+
+def chart(name: str, panels: Sequence[Panel], columns: int = 1) -> str:
+    """Panels in rows, as one picture."""
+    rows = -(-len(panels) // columns)
+    size = (7.6, 4.2) if columns == 1 and rows == 1 else (PANEL[0] * columns, PANEL[1] * rows)
+
+    def fill(figure: Any, axes: Sequence[Any]) -> None:
+        for panel, one in zip(panels, axes, strict=False):
+            panel.draw(one)
+        for one in axes[len(panels) :]:
+            one.set_axis_off()
+
+    return charts.grid(name, rows, columns, size, fill)
+
+
+def _legend(axes: Any, columns: int = 1) -> None:
+    """In the upper right corner, below the numbers of the nodes."""
+    axes.legend(loc="upper right", bbox_to_anchor=(1.0, 0.95), fontsize=8, ncols=columns, borderaxespad=0.0)
