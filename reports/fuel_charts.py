@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,8 +17,11 @@ LOOKS: tuple[dict[str, Any], ...] = (
     {"color": SECOND, "linestyle": (0, (5, 1.5, 1, 1.5))},
     {"color": FOURTH, "linestyle": (0, (1, 1.2))},
 )
+STROKES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1.2)))
 HIGH, LOW, ALPHA = LINE, SECOND, 0.30  # of pulses, one side and the other
 PANEL = 4.4, 3.5  # inches
+MOST_STRIPS = 60  # budgets of one area: between them its edges are straight
+JUMP = 0.12  # of the move's duration: a switch that moves farther from one budget to the next has jumped
 ROOM = 1.22  # times the largest value: how high an axis is, so that the legend has a place
 
 
@@ -29,6 +31,10 @@ class Panel(Protocol):
     def draw(self, axes: Any) -> None:
         """Into these axes of matplotlib."""
         ...
+
+
+Profile = tuple[Sequence[float], Sequence[int]]
+"""Switches [s], from 0 to the end of the move, and on which side of its rest the input is between two of them (1, 0, -1)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,24 +145,48 @@ class Lines:
 
 
 @dataclass(frozen=True, slots=True)
+class Sensitivity:
+    """Residual over relative frequency (n,), a line a command (label, values, look); commands of one kind have one colour."""
+
+    factors: Sequence[float]
+    curves: Sequence[tuple[str, Sequence[float], int]]
+    quantity: str
+    limit: Limit
+
+    def draw(self, axes: Any) -> None:
+        """See above."""
+        seen: dict[int, int] = {}
+        for label, values, look in self.curves:
+            seen[look] = seen.get(look, 0) + 1
+            axes.plot(self.factors, values, color=LOOKS[look % 4]["color"], linestyle=STROKES[seen[look] % 3 - 1], label=label, zorder=3)
+        axes.axhline(self.limit.value, color=LIMIT, linewidth=1.0, linestyle=(0, (4, 3)), label=self.limit.label)
+        axes.set_ylim(bottom=0.0)
+        axes.set_xlabel("true frequency / modelled frequency")
+        axes.set_ylabel(self.quantity)
+        axes.margins(x=0.01)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), fontsize=8, ncols=2)
+
+
+@dataclass(frozen=True, slots=True)
 class Profiles:
-    """When the input is where, against fuel: a profile is (switches [s], sides), None: not on or off. `names` are those of the limits."""
+    """When the input is where, against fuel; None: not on or off. `names` are those of the limits."""
 
     fuels: Sequence[float]
-    profiles: Sequence[tuple[Sequence[float], Sequence[int]] | None]
+    profiles: Sequence[Profile | None]
     names: tuple[str, str]
     fuel: str
     marks: Marks
     title: str
 
     def draw(self, axes: Any) -> None:
-        """Budgets whose profiles have the same arcs are one area."""
+        """Budgets whose profiles have the same arcs, at nearly the same times, are one area."""
         seen: set[int] = set()
         rows = [(u, p) for u, p in zip(self.fuels, self.profiles, strict=True) if p is not None]
-        groups = [(sides, list(group)) for sides, group in groupby(rows, key=lambda row: tuple(row[1][1]))]
+        groups = [(tuple(group[0][1][1]), group) for group in _alike(rows)]
         ends = [(group[0][0], group[-1][0]) for _, group in groups]
         for k, (sides, group) in enumerate(groups):
-            fuels, times = zip(*((u, p[0]) for u, p in group), strict=True)
+            stride = -(-len(group) // MOST_STRIPS)
+            fuels, times = zip(*((u, p[0]) for u, p in (*group[:-1:stride], group[-1])), strict=True)
             x, edges = np.array([fuels[0], *fuels, fuels[-1]]), np.array([times[0], *times, times[-1]])
             if k > 0:  # two areas meet halfway between their budgets
                 x[0] = (ends[k - 1][1] + fuels[0]) / 2
@@ -191,6 +221,18 @@ def chart(name: str, panels: Sequence[Panel], columns: int = 1) -> str:
             one.set_axis_off()
 
     return charts.grid(name, rows, columns, size, fill)
+
+
+def _alike(rows: Sequence[tuple[float, Profile]]) -> list[list[tuple[float, Profile]]]:
+    """Neighbours with the same arcs, none of which jumps: at a node two pulses meet and others part."""
+    groups: list[list[tuple[float, Profile]]] = []
+    for fuel, (times, sides) in rows:
+        before = groups[-1][-1][1] if groups else None
+        same = before is not None and tuple(before[1]) == tuple(sides)
+        if before is None or not same or max(abs(a - b) for a, b in zip(before[0], times, strict=True)) > JUMP * times[-1]:
+            groups.append([])
+        groups[-1].append((fuel, (times, sides)))
+    return groups
 
 
 def _legend(axes: Any, columns: int = 1) -> None:

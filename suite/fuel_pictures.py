@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from relaxations.shaping.sensitivity import residual
-from reports.charts import Limit, sensitivity, standalone
+from reports.charts import Limit, standalone
 from reports.files import json_bytes, write_atomically
-from reports.fuel_charts import Lines, Marks, Profiles, SlewTimes, Times, chart
+from reports.fuel_charts import Lines, Marks, Profiles, Sensitivity, SlewTimes, Times, chart
 from reports.pages import render_fuel
 from suite.fuel_sweeps import AROUND, Curve, FuelError, FuelSweep, Point
 from suite.fuel_text import choice_records, how_to
@@ -68,7 +68,7 @@ def pictures(done: FuelSweep) -> list[tuple[str, str, str]]:
         level = f"{100 * done.settings.level:g} % insensitivity against fuel"
         told.append(("insensitivity", level, lambda name: chart(name, [_narrow(done)])))
         if _shown(done):
-            told.append(("sensitivity", "Residual vibration against the true frequency", lambda name: _sensitivity(done, name)))
+            told.append(("sensitivity", "Residual vibration against the true frequency", lambda name: chart(name, [_sensitivity(done)])))
         higher = f"Excitation of a mode that nobody modelled, {_far(done)}"
         told.append(("higher-mode", higher, lambda name: chart(name, [_higher(done)])))
     return [(stem, caption, make(caption)) for stem, caption, make in told]
@@ -145,17 +145,16 @@ def _shown(done: FuelSweep) -> list[tuple[Curve, Point]]:
     return [(curve, point) for curve, fuel in pairs if (point := curve.at(fuel)) is not None and point.pulses is not None][:MOST_SHOWN]
 
 
-def _sensitivity(done: FuelSweep, name: str) -> str:
-    curves = {}
+def _sensitivity(done: FuelSweep) -> Sensitivity:
+    curves, looks = [], {curve.kind: look for look, curve in enumerate(done.curves)}
     for curve, point in _shown(done):
         command, rest = point.bound.command, curve.posed.rest
         assert command is not None
         impulses = step_impulses(command, rest, max(abs(segment.level - rest) for segment in command.segments))
         assert impulses is not None
         worst = np.max([residual(*impulses, FACTORS * frequency, damping) for frequency, damping in done.modes], axis=0)
-        width = "" if point.insensitivity is None else f", {100 * done.settings.level:g} % for {100 * point.insensitivity:.3g} % of it"
-        curves[f"{curve.kind.title}, {float(point.fuel):.6g} {done.unit}{width}"] = np.where(
-            worst <= TALLEST * done.settings.level, 100.0 * worst, np.nan
-        )
+        width = "" if point.insensitivity is None else f": insensitivity {100 * point.insensitivity:.3g} %"
+        low = np.where(worst <= TALLEST * done.settings.level, 100.0 * worst, np.nan)
+        curves.append((f"{curve.kind.title}, {float(point.fuel):.6g} {done.unit}{width}", low.tolist(), looks[curve.kind]))
     level = Limit(100.0 * done.settings.level, f"{100 * done.settings.level:g} %")
-    return sensitivity(name, FACTORS, curves, quantity_label="residual vibration [% of a step]", limits=[level])
+    return Sensitivity(FACTORS.tolist(), curves, "residual vibration [% of a step]", level)

@@ -1,8 +1,9 @@
 """`slewcert fuel`: the minimum time against the fuel that it may burn, for commands of several kinds, and what a user picks a budget by.
 
 The kinds differ in what they leave at rest: the rigid body alone (`rb`), the flexible modes too (`zv`), and these with further zeros
-(`zvd`, `zvdd` …). Every budget is a task of its own with a certificate of its own, and each search begins where those of its neighbours ended. More
-fuel asks for less, so the minimum time can only fall: what is proven at the budgets bounds it between them too (`sweeps.stairs`).
+(`zvd`, `zvdd` …). Every budget is a task of its own with a certificate of its own, and each search begins where those of its neighbours
+ended. More fuel asks for less, so the minimum time can only fall: what is proven at the budgets bounds it between them too
+(`sweeps.stairs`).
 """
 
 from __future__ import annotations
