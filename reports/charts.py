@@ -36,16 +36,8 @@ _COLOURS = {
     _UNSURE: "var(--chart-unsure, #9a6700)",
     _FOURTH: "var(--chart-fourth, #7b2d8b)",
 }
-INK, FAINT, LINE, SECOND, LIMIT, BAD, UNSURE, FOURTH = (
-    _INK,
-    _FAINT,
-    _LINE,
-    _SECOND,
-    _LIMIT,
-    _BAD,
-    _UNSURE,
-    _FOURTH,
-)  # of charts in other modules
+# of charts in other modules
+INK, FAINT, LINE, SECOND, FOURTH, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _FOURTH, _LIMIT, _BAD, _UNSURE
 _FONT = "var(--chart-font, system-ui, sans-serif)"
 _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions of matplotlib name
     "axes.edgecolor": _INK,
@@ -347,20 +339,26 @@ def shaping(
         return _svg(figure, name)
 
 
-def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Axes]], None]) -> str:
-    """A chart of `count` panels side by side with one vertical axis, `height` inches high; `fill` draws into them."""
-    return grid(name, 1, count, (_WIDTH + 0.8, height), fill, sharey=True)
+def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Axes]], None], *, stacked: Sequence[float] = ()) -> str:
+    """A chart of `count` panels side by side with one vertical axis, or `stacked` over one another in these ratios; `height` in inches."""
+    if stacked:
+        return grid(name, count, 1, (_WIDTH, height), fill, height_ratios=list(stacked))
+
+    def tidy(figure: Figure, axes: list[Axes]) -> None:
+        fill(figure, axes)
+        _tidy_offsets(axes[0])
+
+    return grid(name, 1, count, (_WIDTH + 0.8, height), tidy, sharey=True)
 
 
 def grid(
-    name: str, rows: int, columns: int, size: tuple[float, float], fill: Callable[[Figure, list[Axes]], None], *, sharey: bool = False
+    name: str, rows: int, columns: int, size: tuple[float, float], fill: Callable[[Figure, list[Axes]], None], **arrangement: Any
 ) -> str:
-    """A chart of `rows` times `columns` panels, of this size [inches]; `fill` draws into them."""
+    """A chart of `rows` times `columns` panels, of this size [inches]; `fill` draws into them. `arrangement` is that of matplotlib."""
     with mpl.rc_context(_rc(name)):
         figure = Figure(figsize=size, layout="constrained")
-        axes = [one for row in figure.subplots(rows, columns, sharey=sharey, squeeze=False) for one in row]
+        axes = list(figure.subplots(rows, columns, squeeze=False, **arrangement).flat)
         fill(figure, axes)
-        _tidy_offsets(*(axes[:1] if sharey else axes))
         return _svg(figure, name)
 
 

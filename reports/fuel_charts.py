@@ -114,28 +114,20 @@ class SlewTimes:
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """Something that is measured of the commands against fuel, a line a kind: label, fuels, values, look; `limit` is a level."""
+    """Something that is measured of the commands against fuel, a line a kind: label, fuels, values, look."""
 
     curves: Sequence[tuple[str, Sequence[float], Sequence[float], int]]
     fuel: str
     quantity: str
     marks: Marks
     title: str
-    logarithmic: bool = False
-    limit: Limit | None = None
 
     def draw(self, axes: Any) -> None:
         """See above."""
         for label, fuels, values, look in self.curves:
             axes.plot(fuels, values, label=label, zorder=3, **LOOKS[look % 4])
-        if self.limit is not None:
-            axes.axhline(self.limit.value, color=LIMIT, linewidth=1.0, linestyle=(0, (4, 3)), label=self.limit.label)
-        if self.logarithmic:
-            axes.set_yscale("log")
-            axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")
-        else:
-            top = max((v for _, _, values, _ in self.curves for v in values if np.isfinite(v)), default=1.0)
-            axes.set_ylim(0.0, ROOM * top or 1.0)
+        top = max((v for _, _, values, _ in self.curves for v in values if np.isfinite(v)), default=1.0)
+        axes.set_ylim(0.0, ROOM * top or 1.0)
         self.marks.draw(axes)
         axes.set_title(self.title, loc="left")
         axes.set_xlabel(self.fuel)
@@ -217,6 +209,7 @@ def chart(name: str, panels: Sequence[Panel], columns: int = 1) -> str:
     def fill(figure: Any, axes: Sequence[Any]) -> None:
         for panel, one in zip(panels, axes, strict=False):
             panel.draw(one)
+            one.ticklabel_format(axis="y", useOffset=False)
         for one in axes[len(panels) :]:
             one.set_axis_off()
 
