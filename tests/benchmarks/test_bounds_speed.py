@@ -146,9 +146,8 @@ def test_a_sweep_of_two_hundred_budgets(name: str, capsys: pytest.CaptureFixture
     proven, gap = sum(point.status == "proved" for point in points), max(point.bound.gap or 0.0 for point in points)
     budgets = len(done.curves[0].points)
     with capsys.disabled():
-        print(
-            f"\n{name}: {budgets} budgets, {len(points)} minimum times, {proven} proven, largest gap {gap:.1e}, {taken:.1f} s of processor time"
-        )
+        print(f"\n{name}: {budgets} budgets, {len(points)} minimum times, {proven} proven, largest gap {gap:.1e},", end="")
+        print(f" {taken:.1f} s of processor time")
 
 
 def test_a_table_of_a_hundred_displacements(tmp_path: Path) -> None:
