@@ -18,8 +18,9 @@ from functools import cache
 from pathlib import Path
 from statistics import fmean, quantiles
 
-from suite import fuel_sweeps
-from suite.fuel_sweeps import FuelSweep, Point
+from suite.fuel_plans import DEFAULT_KINDS, plan
+from suite.fuel_records import FuelSweep, Point
+from suite.fuel_sweeps import sweep
 from suite.loading import load_study
 
 STUDY = Path(__file__).parents[1] / "suite" / "studies" / "two_mass_fuel.toml"
@@ -43,7 +44,7 @@ class Claim:
 @cache
 def swept(least: str, most: str, count: int, *kinds: str) -> FuelSweep:
     """A sweep of the paper's example, every time in it proven."""
-    done = fuel_sweeps.sweep(fuel_sweeps.plan(load_study(STUDY), least, most, count, kinds or fuel_sweeps.DEFAULT_KINDS))
+    done = sweep(plan(load_study(STUDY), least, most, count, kinds or DEFAULT_KINDS))
     for curve in done.curves:
         for point in curve.points:
             assert point.status == "proved", (curve.kind, point.fuel)

@@ -36,8 +36,7 @@ _COLOURS = {
     _UNSURE: "var(--chart-unsure, #9a6700)",
     _FOURTH: "var(--chart-fourth, #7b2d8b)",
 }
-# of charts in other modules
-INK, FAINT, LINE, SECOND, FOURTH, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _FOURTH, _LIMIT, _BAD, _UNSURE
+INK, FAINT, LINE, SECOND, FOURTH, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _FOURTH, _LIMIT, _BAD, _UNSURE  # elsewhere
 _FONT = "var(--chart-font, system-ui, sans-serif)"
 _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions of matplotlib name
     "axes.edgecolor": _INK,
@@ -70,6 +69,7 @@ _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions o
 _WIDTH = 7.6  # inches; the page scales it
 
 Float64 = NDArray[np.float64]
+Fill = Callable[[Figure, list[Axes]], object]
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,8 +265,7 @@ def sweeps(name: str, curves: Mapping[str, tuple[ArrayLike, ArrayLike]], *, para
             x, y = _arrays(values=values, results=results)
             axes.plot(x, np.maximum(y, 1e-12), marker="os^D"[number % 4], markersize=4.0, label=label, **_look(number))
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))  # powers would be mathematics, which is off
-        axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")
+        axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")  # powers would be mathematics, which is off
         axes.set_xlabel(parameter_label)
         axes.set_ylabel(quantity_label)
         axes.legend(loc="best")
@@ -339,21 +338,14 @@ def shaping(
         return _svg(figure, name)
 
 
-def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Axes]], None], *, stacked: Sequence[float] = ()) -> str:
+def panels(name: str, count: int, height: float, fill: Fill, *, stacked: Sequence[float] = ()) -> str:
     """A chart of `count` panels side by side with one vertical axis, or `stacked` over one another in these ratios; `height` in inches."""
     if stacked:
         return grid(name, count, 1, (_WIDTH, height), fill, height_ratios=list(stacked))
-
-    def tidy(figure: Figure, axes: list[Axes]) -> None:
-        fill(figure, axes)
-        _tidy_offsets(axes[0])
-
-    return grid(name, 1, count, (_WIDTH + 0.8, height), tidy, sharey=True)
+    return grid(name, 1, count, (_WIDTH + 0.8, height), lambda figure, axes: (fill(figure, axes), _tidy_offsets(axes[0])), sharey=True)
 
 
-def grid(
-    name: str, rows: int, columns: int, size: tuple[float, float], fill: Callable[[Figure, list[Axes]], None], **arrangement: Any
-) -> str:
+def grid(name: str, rows: int, columns: int, size: tuple[float, float], fill: Fill, **arrangement: Any) -> str:
     """A chart of `rows` times `columns` panels, of this size [inches]; `fill` draws into them. `arrangement` is that of matplotlib."""
     with mpl.rc_context(_rc(name)):
         figure = Figure(figsize=size, layout="constrained")

@@ -115,12 +115,12 @@ def fuel(
     A point becomes a study by limits.fuel and command.robustness. Exit code 0: every point is proved or bracketed; 1: a budget is too
     little, whatever the time; 2: bad input.
     """
-    from suite import console, console_tables, fuel_pictures, fuel_sweeps
+    from suite import console, console_tables, fuel_pictures, fuel_plans, fuel_records, fuel_sweeps
     from suite.loading import load_study
 
     fuel_pictures.drawable(plot)
-    asked = fuel_sweeps.Settings(level, higher)
-    planned = fuel_sweeps.plan(load_study(study), least, most, count, names or fuel_sweeps.DEFAULT_KINDS, shown, asked)
+    asked = fuel_records.Settings(level, higher)
+    planned = fuel_plans.plan(load_study(study), least, most, count, names or fuel_plans.DEFAULT_KINDS, shown, asked)
     with console.progress("bracketing", planned.count) as bar:
         done = fuel_sweeps.sweep(planned, certificates, bar.advance)
     files = fuel_pictures.write(done, out) if out else []

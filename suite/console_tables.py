@@ -9,7 +9,7 @@ from rich.table import Table
 
 from suite import fuel_text, tradeoff_text
 from suite.console import escape, out
-from suite.fuel_sweeps import FuelSweep
+from suite.fuel_records import FuelSweep
 from suite.table_text import table_cells
 from suite.tables import Table as DisplacementTable
 from suite.tradeoffs import Tradeoff

@@ -13,7 +13,9 @@ from reports.charts import Limit, standalone
 from reports.files import json_bytes, write_atomically
 from reports.fuel_charts import Lines, Marks, Profiles, Sensitivity, SlewTimes, Times, chart
 from reports.pages import render_fuel
-from suite.fuel_sweeps import AROUND, Curve, FuelError, FuelSweep, Point
+from suite.fuel_plans import FuelError
+from suite.fuel_records import Curve, FuelSweep, Point
+from suite.fuel_sweeps import AROUND
 from suite.fuel_text import choice_records, how_to
 from suite.quantities import step_impulses
 from suite.sweeps import stairs

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from suite.fuel_sweeps import Choice, Curve, FuelSweep, Point, written
+from suite.fuel_plans import written
+from suite.fuel_records import Choice, Curve, FuelSweep, Point
 from suite.table_text import bracket_cells
 
 MOST_ROWS = 16  # budgets of a table on a terminal; JSON and pictures have all of them

@@ -25,7 +25,8 @@ from relaxations.shaping.sensitivity import residual
 from relaxations.spending import least_fuel
 from relaxations.transition_fuels import nodes, reason_against
 from suite.cli import main
-from suite.fuel_sweeps import Curve, FuelError, Kind, Point, Pulses, kinds, spread, written
+from suite.fuel_plans import FuelError, kinds, spread, written
+from suite.fuel_records import Curve, Kind, Point, Pulses
 from suite.sweeps import extrapolated
 
 STUDIES = Path(__file__).parents[1] / "suite" / "studies"

@@ -136,7 +136,8 @@ def test_check_as_a_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 @pytest.mark.parametrize("name", ["two_mass_fuel", "spacecraft"])
 def test_a_sweep_of_two_hundred_budgets(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Figures of `slewcert fuel`: three kinds, processor time; two hundred budgets are to take a minute on one core."""
-    from suite.fuel_sweeps import plan, sweep
+    from suite.fuel_plans import plan
+    from suite.fuel_sweeps import sweep
     from suite.loading import load_study
 
     begun = time.process_time()
