@@ -18,7 +18,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from reports.errors import RecordError
@@ -287,13 +286,10 @@ def costs(name: str, sizes: ArrayLike, curves: Mapping[str, ArrayLike], *, size_
         for number, (label, curve) in enumerate(curves.items()):
             y = _arrays(sizes=sizes, curve=curve)[1]
             axes.plot(x, y, color=(_LINE, _SECOND, _INK)[number % 3], marker="os^"[number % 3], markersize=4.0, label=label)
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))  # powers would be mathematics, which is off
+        axes.set(xscale="log", yscale="log", xlabel=size_label, ylabel=cost_label)
+        axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")
         axes.set_xticks(x, [f"{size:g}" for size in x])
         axes.set_xticks([], minor=True)
-        axes.set_xlabel(size_label)
-        axes.set_ylabel(cost_label)
         axes.legend(loc="best")
         return _svg(figure, name)
 
