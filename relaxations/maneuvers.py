@@ -233,7 +233,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
     if maneuver.tail_length is not None and not (maneuver.tail and maneuver.tail_length[0] >= 0 and 0 < maneuver.tail_length[1] <= 1):
         raise ManeuverError("a tail length (time from 0 on, fraction from 0 to 1) needs an output rest, tail = true")
     sampling, begin = _sampling(plants, maneuver), _begin(plants, maneuver)
-    _pulses(maneuver)
+    sensible_pulses(maneuver)
     holds = {plant.rest_input(maneuver.displacement) for plant in plants}
     if len(holds) != 1:
         raise ManeuverError(f"the plants share one command and so one final rest input, but ask for {sorted(map(float, holds))}")
@@ -281,17 +281,17 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
     )
 
 
-def _pulses(maneuver: Maneuver) -> None:
+def sensible_pulses(maneuver: Maneuver) -> None:
     """Raise `ManeuverError` unless limits of pulses make sense."""
     limits = maneuver.limits
     if limits.pulse_width is not None and not limits.pulse_width > 0:
         raise ManeuverError(f"a pulse width is more than 0, not {float(limits.pulse_width)!r} s")
     if limits.pulses is not None and limits.pulses < 1:
         raise ManeuverError(f"a command has at least one pulse, not {limits.pulses}")
-    if limits.pulsed and (maneuver.tail or maneuver.box is not None or maneuver.sample_time is not None):
+    if limits.pulsed and (maneuver.tail or maneuver.sample_time is not None):
         raise ManeuverError(
-            "limits of pulses belong to a state rest of one plant, at any instants: no tail, which decays (thrusters are on or off), no "
-            "sample time, for three levels on samples are finitely many commands, and rest by coincidence only, and no box yet"
+            "limits of pulses belong to a state rest, at any instants: no tail, which decays (thrusters are on or off), and no sample "
+            "time, for three levels on samples are finitely many commands, and bring a mode to rest by coincidence only"
         )
 
 

@@ -36,7 +36,8 @@ _COLOURS = {
     _UNSURE: "var(--chart-unsure, #9a6700)",
     _FOURTH: "var(--chart-fourth, #7b2d8b)",
 }
-INK, FAINT, LINE, SECOND, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _LIMIT, _BAD, _UNSURE  # of charts in other modules
+# of charts in other modules
+INK, FAINT, LINE, SECOND, FOURTH, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _FOURTH, _LIMIT, _BAD, _UNSURE
 _FONT = "var(--chart-font, system-ui, sans-serif)"
 _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions of matplotlib name
     "axes.edgecolor": _INK,
@@ -338,13 +339,15 @@ def shaping(
         return _svg(figure, name)
 
 
-def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Axes]], None]) -> str:
-    """A chart of `count` panels side by side with one vertical axis, `height` inches high; `fill` draws into them."""
+def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Axes]], None], *, stacked: Sequence[float] = ()) -> str:
+    """A chart of `count` panels side by side with one vertical axis, or `stacked` over one another in these ratios; `height` in inches."""
     with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=(_WIDTH + 0.8, height), layout="constrained")
-        axes = list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
+        figure = Figure(figsize=(_WIDTH if stacked else _WIDTH + 0.8, height), layout="constrained")
+        side: dict[str, Any] = {"height_ratios": list(stacked)} if stacked else {"sharey": True}
+        axes = list(figure.subplots(count if stacked else 1, 1 if stacked else count, squeeze=False, **side).flat)
         fill(figure, axes)
-        _tidy_offsets(axes[0])
+        if not stacked:
+            _tidy_offsets(axes[0])
         return _svg(figure, name)
 
 

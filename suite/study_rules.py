@@ -124,13 +124,12 @@ def _maneuver(maneuver: schema.Maneuver) -> Iterator[Mistake]:
 def _thrusters(limits: schema.Limits, command: schema.Command | None) -> Iterator[Mistake]:
     key = "limits.pulse_width" if limits.pulse_width is not None else "limits.pulses"
     if limits.sample_time is not None:
-        yield Mistake("limits.sample_time", limits.sample_time, f"contradicts {key}: pulses begin and end at any instant")
+        why = "three levels on samples are finitely many commands, which bring a mode to rest by coincidence only"
+        yield Mistake("limits.sample_time", limits.sample_time, f"contradicts {key}: pulses begin and end at any instant; {why}")
     if limits.rate is not None:
-        yield Mistake("limits.rate", limits.rate, f"contradicts {key}: thrusters are on or off")
+        yield Mistake("limits.rate", limits.rate, f"contradicts {key}: thrusters are on or off, and the slope of a jump has no limit")
     if command and command.tail:
         yield Mistake("command.tail", True, f"contradicts {key}: thrusters are on or off, and a tail decays")
-    if command and command.robustness == "box":
-        yield Mistake("command.robustness", "box", f"contradicts {key}: valid are further zeros, 0, 1, 2 …")
 
 
 def _started(command: schema.Command) -> Iterator[Mistake]:
@@ -157,9 +156,6 @@ def _varying(study: schema.Written) -> Iterator[Mistake]:
     for key in ("tail_length", "zero_sensitivity") if study.limits else ():
         if getattr(study.limits, key) is not None:
             yield Mistake(f"limits.{key}", ABSENT, f"{why}: a tail hides in the zeros of a plant that does not vary")
-    for key in ("pulse_width", "pulses") if study.limits else ():
-        if (value := getattr(study.limits, key)) is not None:
-            yield Mistake(f"limits.{key}", value, f"{why}: commands of pulses are not looked for yet where the plant varies")
 
 
 def _command(command: schema.Command) -> Iterator[Mistake]:
