@@ -50,14 +50,18 @@ def test_a_budget_below_the_first_node_leaves_the_fastest_command_in_form() -> N
 
 
 # The fuel-efficient command of Singhose, Singh and Seering, J. Dynamic Systems, Measurement, and Control 121 (1999): of the form, as
-# fast as that goes, no budget. For one undamped mode it is the node of equation (33), mended: a period between the pulses, U = M ω Δ/(π u_max) of
-# fuel, T = U/2 + 2π/ω. With a further zero its digits are those of Newton's method on five switches.
+# fast as that goes, no budget. For one undamped mode it is the node of equation (33), mended: a period between the pulses,
+# U = M ω Δ/(π u_max) of fuel, T = U/2 + 2π/ω. With a further zero its digits are those of Newton's method on five switches.
 NODE = 2 * sqrt(2) * 5 / pi / 2 + 2 * pi / sqrt(2)
 
 
 @pytest.mark.parametrize(
     ("displacement", "fuel", "robustness", "time", "gap"),
-    [("5", None, 0, NODE, 2e-5), ("5", None, 1, 7.7210011331, 2e-9), ("5", "5.2", 1, 7.7222295009, 2e-6)],
+    [
+        pytest.param("5", None, 0, NODE, 2e-5, marks=pytest.mark.slow),
+        ("5", None, 1, 7.7210011331, 2e-9),
+        ("5", "5.2", 1, 7.7222295009, 2e-6),
+    ],
 )
 def test_the_form_costs_time_where_the_fastest_command_is_of_another(
     displacement: str, fuel: str | None, robustness: int, time: float, gap: float
@@ -95,6 +99,7 @@ def fraction(plant: str, displacement: float, time: float, change: int, cells: i
     return float(result.x[-1])
 
 
+@pytest.mark.slow
 def test_an_independent_program_agrees_on_both_sides() -> None:
     # A staircase is a command of the family: none may do it in less than the lower side; slightly longer than the upper one must.
     found = bound("spring", "5")

@@ -75,7 +75,7 @@ class Looks:
         turned = turned / np.linalg.norm(turned @ problem.target)
         strong, weak = (problem.upper, -problem.lower) if along > 0 else (-problem.lower, problem.upper)
         modal = np.array([problem.derivative(unit) for unit in turned])  # of each λ = Wᵀ y
-        slope = np.linalg.solve(turned.T, modal.T)
+        slope: Reals = np.linalg.solve(turned.T, modal.T).astype(np.float64)
         return Looks(problem, maneuver_time, along, strong, weak, turned, turned @ problem.target, grid, turned @ rows, slope)
 
     def rows(self, s: Reals, integrals: int = 0) -> Reals:

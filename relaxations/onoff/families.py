@@ -65,7 +65,9 @@ class Fastest:
 
 def fastest(problem: Problem, along: int, near: float) -> Fastest | None:
     """The shortest command whose first pulses are along ±1, searched from a time [s] that none is shorter than; None if there is none."""
-    time, best, low, high = near, None, 0.0, np.inf
+    time, low, high = near, 0.0, np.inf
+    best: Dual | None = None
+    looks: Looks | None = None
     for round_ in range(ROUNDS):
         try:
             looks = Looks.of(problem, time, along)
@@ -88,8 +90,7 @@ def fastest(problem: Problem, along: int, near: float) -> Fastest | None:
         if following > LONGEST * near:
             return None
         time = following
-    assert best is not None
-    return Fastest(looks, best)
+    return None if best is None or looks is None else Fastest(looks, best)
 
 
 def _best(looks: Looks, known: Dual | None) -> Dual:

@@ -28,8 +28,8 @@ from relaxations.onoff.families import Fastest, Node, cover, fastest
 from relaxations.plants import LinearPlant, fraction
 from relaxations.repair import pivots
 from relaxations.sides import Proof, Side, accepted, concluded, rounded
-from relaxations.switched import thrust
 from relaxations.thrusters import Pulsed, admissible, pulsed_commands
+from relaxations.thrusting import thrust
 
 Reals = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Commands of given levels and of switch times that are unknown: what is proposed to the checker of them."""
+"""Witnesses of commands of few pieces at given levels: which of their numbers are unknowns."""
 
 from __future__ import annotations
 
@@ -10,30 +10,18 @@ import numpy as np
 
 from relaxations import certificates
 from relaxations.certificates import Number, Numbers
-from relaxations.commands import Command, Segment, Tail
 from relaxations.maneuvers import Problem
 from relaxations.repair import pivots
-from relaxations.sides import RADII, Proof, Side, accepted, rounded
-from relaxations.thrusters import Pulsed
+from relaxations.sides import RADII
 
 SMALL = 1e-7
 """The finest of the radii times the equations' condition: the test contracts where that is small."""
 
 
-def thrust(problem: Problem, task: dict[str, Any], found: Pulsed) -> Proof | None:
-    """The upper side of a command of pulses."""
-    for witness in witnesses(problem, found.levels, found.maneuver_time, found.starts, np.zeros(0)):
-        for margin in (1e-14, 1e-13, 1e-12):
-            side = Side(Fraction(found.maneuver_time * (1.0 + margin)), witness)
-            if accepted(task, upper=side):
-                segments = tuple(Segment(float(start), float(level)) for start, level in zip(found.starts, found.levels, strict=True))
-                command = Command(rounded(side.claim, np.inf), segments, Tail(problem.absolute(problem.hold)))
-                return Proof(None, side, command, len(segments) - 1)
-    return None
-
-
-def witnesses(problem: Problem, levels: Sequence[Fraction], duration: Number, starts: Numbers, tail: Numbers) -> Iterator[dict[str, Any]]:
-    """Witnesses of a command of these absolute levels, one for each radius: as many unknowns as equations, the best conditioned ones.
+def arc_witnesses(
+    problem: Problem, levels: Sequence[Fraction], duration: Number, starts: Numbers, tail: Numbers
+) -> Iterator[dict[str, Any]]:
+    """Witnesses of a command of these absolute levels, one for each radius: as many unknowns as equations, the best conditioned.
 
     At an extremal the switches alone are singular, so the duration is one of them, or a tail coefficient where the tail touches a limit.
     """
