@@ -234,7 +234,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         raise ManeuverError("a tail length (time from 0 on, fraction from 0 to 1) needs an output rest, tail = true")
     sampling, begin = _sampling(plants, maneuver), _begin(plants, maneuver)
     sensible_pulses(maneuver)
-    _enough_pulses(plants, maneuver)
+    _sensible_form(maneuver)
     holds = {plant.rest_input(maneuver.displacement) for plant in plants}
     if len(holds) != 1:
         raise ManeuverError(f"the plants share one command and so one final rest input, but ask for {sorted(map(float, holds))}")
@@ -296,20 +296,11 @@ def sensible_pulses(maneuver: Maneuver) -> None:
         )
 
 
-def _enough_pulses(plants: Sequence[LinearPlant], maneuver: Maneuver) -> None:
-    """Raise `ManeuverError` where there are fewer pulses than integrators, or a form that does not go with the task."""
-    limits, order = maneuver.limits, max(plant.rigid_order for plant in plants)
-    if limits.pulses is not None and limits.pulses < order and maneuver.initial is None:
-        raise ManeuverError(
-            f"{limits.pulses} {'pulse' if limits.pulses == 1 else 'pulses'} cannot bring {order} integrators from rest to rest: "
-            f"the input has to change its sign {order - 1} times at least, which takes {order} pulses"
-        )
-    other = maneuver.tail or maneuver.box is not None or maneuver.sample_time is not None or maneuver.initial is not None
-    if limits.held and (other or limits.rate is not None or limits.deflection):
-        raise ManeuverError(
-            "pulses one way, then the other (type = 1) are a form of commands from rest to state rest of one plant, at any instants: "
-            "without samples, and without limits of slopes or outputs"
-        )
+def _sensible_form(maneuver: Maneuver) -> None:
+    """Raise `ManeuverError` where a form is held that does not go with the task."""
+    other = maneuver.tail or maneuver.box or maneuver.sample_time is not None or maneuver.initial is not None
+    if maneuver.limits.held and (other or maneuver.limits.rate is not None or maneuver.limits.deflection):
+        raise ManeuverError("pulses one way, then the other (type = 1) lead from rest to state rest of one plant, at any instants")
 
 
 def _begin(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Reals | None:

@@ -96,6 +96,15 @@ class Design:
         )
 
 
+def _enough_pulses(study: Study, plant: LinearPlant) -> None:
+    """Raise `StudyError` where there are fewer pulses than integrators: no command has them, whatever its time."""
+    pulses, order = study.limits.pulses, plant.rigid_order
+    if pulses is None or pulses >= order or study.maneuver.initial_state is not None or study.plant.schedule is not None:
+        return
+    why = f"cannot bring a plant with {order} integrators from rest to rest: its input changes sign {order - 1} times at least"
+    raise StudyError(str(study.file), [Mistake("limits.pulses", pulses, f"{why}, which takes {order} pulses")])
+
+
 def _told_of_form(bound: Bound) -> str:
     """What family the bracket is about, and what holding the form costs."""
     about = "the bracket is about commands whose pulses go towards the target first, and then against it (type 1), and no others"
@@ -124,6 +133,7 @@ def _held(study: Study, plant: LinearPlant) -> int:
 
 def pose(study: Study, plant: LinearPlant) -> Problem:
     """The equations and limits that the study asks of `plant`; raises `StudyError` if the maneuver is refused."""
+    _enough_pulses(study, plant)
     limits, length, robust = study.limits, study.limits.tail_length, study.command.robustness
     maneuver = Maneuver(
         Fraction(study.maneuver.displacement),

@@ -69,7 +69,7 @@ REFUSED = {
     "limits.deflection": ("type = 1", "deflection = { output_rate = 1.0 }", "", "at any instants"),
     "command.tail": ("type = 1\ntail = true", "", "", "state rest"),
     "command.alpha": ("alpha = 0.1", "", "", "not supported"),
-    "maneuver": ("type = 1", "pulses = 1", "", "takes 2 pulses"),
+    "limits.pulses": ("type = 1", "pulses = 1", "", "takes 2 pulses"),
 }
 
 
@@ -81,7 +81,7 @@ def test_what_a_form_does_not_go_with_is_refused(tmp_path: Path, path: str) -> N
     assert word in told
 
 
-@pytest.mark.parametrize(("denominator", "word"), [("8.0, 0.0, 8.0", "rigid-body mode"), ("1.0, 0.0, 0.0, 0.0", "3 integrators")])
+@pytest.mark.parametrize(("denominator", "word"), [("8.0, 0.0, 0.1", "rigid-body mode"), ("1.0, 0.0, 0.0, 0.0", "3 integrators")])
 def test_plants_that_the_form_cannot_move_are_refused(tmp_path: Path, denominator: str, word: str) -> None:
     for key, place in (("type = 1", "command.type"), ('kind = "fuel-efficient"', "command.kind")):
         told = bound(tmp_path, key, denominator=denominator, code=2)
