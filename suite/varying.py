@@ -107,8 +107,8 @@ def _along(fmu: FmuPlant, plant: Plant, parameters: Mapping[str, Value], instant
         natural = np.abs(np.column_stack([one.A, one.B])) @ one.sizes
         if abs(one.y - found[0].y) > REST * max(1.0, abs(found[0].y)):
             raise PlantError(
-                f"the output {plant.output!r} of {name} changes by itself, from {found[0].y:.6g} to {one.y:.6g} in the first {one.settled:.6g} s "
-                "of a motion without its input: it does not begin at rest"
+                f"the output {plant.output!r} of {name} changes by itself, from {found[0].y:.6g} to {one.y:.6g} in the first "
+                f"{one.settled:.6g} s of a motion without its input: it does not begin at rest"
             )
         if np.any(np.abs(one.rates[reached]) > REST * natural[reached]):
             raise PlantError(f"{name} moves by itself what its input moves, {one.settled:.6g} s after it starts: it does not begin at rest")
