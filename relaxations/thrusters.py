@@ -15,12 +15,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from relaxations.commands import Command
+from relaxations.limits import Limits
 from relaxations.maneuvers import Problem
 from relaxations.watching import Watch
 
@@ -120,7 +122,7 @@ def _outlined(problem: Problem, free: Command) -> tuple[tuple[Fraction, ...], Re
     if len(pulses) > most:
         kept = _modulated(problem, free, choices)
         pulses = [level for level, _ in kept if level != coast]
-    if not pulses or len(pulses) > (limits.pulses or 2 * most):
+    if not pulses or len(pulses) > (limits.pulses or 2 * most) or not _of_form(limits, pulses):
         return None
     whole: list[tuple[Fraction, float]] = []
     for one, part in kept:
@@ -171,10 +173,18 @@ def _patterns(problem: Problem) -> Iterator[tuple[Fraction, ...]]:
             orders += [(one,) * k + (other,) * (count - k) for one, other in (signs, signs[::-1]) for k in range(1, count)]
         orders += [(one,) * count for one in signs if held]
         for order in orders:
+            if not _of_form(limits, order):
+                continue
             pattern = tuple(level for pulse in order for level in (pulse, coast))[:-1]
             if len(pattern) >= problem.size and pattern not in seen:
                 seen.add(pattern)
                 yield pattern
+
+
+def _of_form(limits: Limits, pulses: Sequence[Fraction]) -> bool:
+    """Whether pulses have the form that is held, if one is: of one sign first, then of the other."""
+    first = limits.upper if limits.held > 0 else limits.lower
+    return not limits.held or not any(after == first != before for before, after in pairwise(pulses))
 
 
 def _least_width(problem: Problem) -> float:

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 from flint import fmpq_poly
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from relaxations.errors import PlantError
 from relaxations.maneuvers import extra_zeros
@@ -98,13 +98,26 @@ class Conditions:
             found[power] = tuple(taylor(numerator, self.block.denominator, p.value, p.multiplicity) for p in self.places)
         return found
 
-    def table(self, parts: Sequence[Part], delays: Sequence[float] | Reals) -> Reals:
-        """The equations' left sides for each unit part, shape (size, parts); those of a pole p are scaled by |e^{pT}|."""
+    def table(self, parts: Sequence[Part], delays: ArrayLike) -> Reals:
+        """The equations' left sides for each unit part, (…, size, parts), at delays (…, L+1) [s]; those of a pole p times |e^{pT}|."""
         return self._rows(parts, delays, 0)
 
-    def slopes(self, parts: Sequence[Part], delays: Sequence[float] | Reals) -> Reals:
+    def slopes(self, parts: Sequence[Part], delays: ArrayLike) -> Reals:
         """The derivative of each column by its own delay, in the same scale (which is held)."""
         return self._rows(parts, delays, 1)
+
+    @cached_property
+    def chains(self) -> NDArray[np.intp]:
+        """Which complex number each row is a part of: numbered, shape (size,)."""
+        widths = [2 if place.is_flexible else 1 for place in self.places for _ in range(place.multiplicity)]
+        return np.repeat(np.arange(len(widths)), widths)
+
+    def error(self, parts: Sequence[Part], delays: ArrayLike, unknowns: Reals) -> float:
+        """How far gains and numerators (parts,) are from satisfying the equations, over the size of what is summed in each."""
+        table = self.table(parts, delays)
+        off, sizes = table @ unknowns - self.aim, np.abs(table) @ np.abs(unknowns) + np.abs(self.aim)
+        whole = np.maximum(np.bincount(self.chains, sizes), np.finfo(float).tiny)
+        return float((np.bincount(self.chains, np.abs(off)) / whole).max())
 
     @cached_property
     def aim(self) -> Reals:
@@ -113,23 +126,24 @@ class Conditions:
         aim[self.rigid] = self.target
         return aim
 
-    def _rows(self, parts: Sequence[Part], delays: Sequence[float] | Reals, derivative: int) -> Reals:
-        last = float(max(delays))
-        columns = []
-        for part in parts:
-            delay, column = float(delays[part.delay]), []
+    def _rows(self, parts: Sequence[Part], delays: ArrayLike, derivative: int) -> Reals:
+        instants = np.asarray(delays, dtype=float)
+        table = np.empty((*instants.shape[:-1], self.size, len(parts)))
+        for column, part in enumerate(parts):
+            delay, row = instants[..., part.delay], 0
             for place, series in zip(self.places, self._series[part.power], strict=True):
                 p, count = place.value, place.multiplicity
                 shift = [(-delay) ** i / math.factorial(i) for i in range(count)]
-                chain = [sum((shift[i] * series[k - i] for i in range(k + 1)), 0j) for k in range(count)]
+                chain = [sum((shift[i] * series[k - i] for i in range(k + 1)), np.zeros(delay.shape, dtype=complex)) for k in range(count)]
                 if derivative:  # of e^{-sτ}: times -s = -(p + ε)
                     chain = [-(p * chain[k] + (chain[k - 1] if k else 0j)) for k in range(count)]
-                factor = np.exp(complex((last - delay) * p.real, -delay * p.imag))
+                factor = np.exp((instants[..., -1] - delay) * p.real - 1j * delay * p.imag)
                 for value in chain:
-                    one = value * factor
-                    column += [one.real, one.imag] if place.is_flexible else [one.real]
-            columns.append(column)
-        return np.array(columns).T.reshape(self.size, len(parts))
+                    table[..., row, column] = np.real(value * factor)
+                    if place.is_flexible:
+                        table[..., row + 1, column] = np.imag(value * factor)
+                    row += 2 if place.is_flexible else 1
+        return table
 
     def terms(self, power: int, coefficient: float, delay: float) -> tuple[ShaperTerm, ...]:
         """`coefficient s^power e^{-s delay}/N_-(s)` in partial fractions."""
