@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 from math import pi, sqrt
 
 import numpy as np
@@ -83,7 +84,7 @@ def test_the_critical_price_of_a_node(displacement: float, price: float) -> None
 
 def test_further_moves_have_smaller_critical_prices() -> None:
     prices = [extremal_prices(posed(displacement), node(displacement, 1)) for displacement in (1.0, 2.0, 3.0, 4.0, 5.0)]
-    assert all(one is not None and other is not None and other[0] < one[0] for one, other in zip(prices, prices[1:], strict=False))
+    assert all(one is not None and other is not None and other[0] < one[0] for one, other in pairwise(prices))
 
 
 def test_between_nodes_a_command_is_extremal_for_one_price_and_costs_more_than_its_neighbours() -> None:
