@@ -73,8 +73,10 @@ def test_a_decay_is_no_zero():
         ("si --mode 1Hz:0 --damping 0:0.1 --band 1:1", 0, "note: si keeps the tolerance over the band at each mode's own damping"),
         ("si --mode 1Hz:0.5 --damping 0:0.1", 2, "does not hold the damping of the mode itself (0.5)"),
         ("ei --mode 1Hz:0.1 --mode 2.7Hz:0.1 --tolerance 1e-6 --simultaneous", 1, "0.001 and more are possible"),
-        ("sums-zvd --mode 1Hz:0.99 --sums 0:1", 1, "have a closed form"),
-        ("sums-zvd --mode 1Hz:0.97 --sums 0:1", 1, "have a closed form"),
+        ("um-zv-d:21 --mode 1Hz:0.1", 2, "up to 20 are possible"),
+        ("um-zv-d:6 --mode 1Hz:0 --mode 2Hz:0 --simultaneous", 2, "28 equations at once; up to 24 are possible"),
+        ("um-zv --mode 1Hz:0.02 --sample-time 1", 1, "too coarse"),
+        ("um-zv --mode 1Hz:0.02 --sample-time 1e-5", 2, "samples into the shaper"),
         ("zv --mode 1Hz:0 --plot p.png", 2, "--plot p.png: the picture is SVG"),
     ],
 )

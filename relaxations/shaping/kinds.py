@@ -16,7 +16,7 @@ from relaxations.bounds import Status
 from relaxations.checking.worst import worst_residual
 from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import exact
-from relaxations.shaping.bounded import bounded
+from relaxations.shaping.bounded import bounded, bounded_on_samples
 from relaxations.shaping.comparisons import (
     ONE_MODE,
     UNPROVEN,
@@ -32,7 +32,7 @@ from relaxations.shaping.comparisons import (
     within_sums,
 )
 from relaxations.shaping.deflection import deflection_limited
-from relaxations.shaping.humps import Humped, extra_insensitive, unity_derivatives, unity_magnitude
+from relaxations.shaping.humps import Humped, extra_insensitive, unity_magnitude
 from relaxations.shaping.impulses import derivative_shaper, mzv, negative_zv
 from relaxations.shaping.insensitive import specified
 from relaxations.shaping.least_durations import Remnant, least_with_derivatives
@@ -235,37 +235,29 @@ def _insensitive(request: Request, number: int) -> Made:
 
 
 def _unity(request: Request, number: int) -> Made:
-    modes = different(request.modes) if request.simultaneous else request.modes
-    if len(modes) > 1 and request.simultaneous:
-        return _between(modes, (0.0, 1.0), number)
-    if len(modes) == 1:
-        with suppress(ShaperError, SolverError):
-            made = _between(modes, (0.0, 1.0), number)
-            if made.least:
-                return made
-    shaper = _in_turn(modes, lambda mode: _unity_of(mode, number))
+    modes = different(request.modes) if request.simultaneous or request.sample_time is not None else request.modes
+    if len(modes) == 1 or request.simultaneous or request.sample_time is not None:
+        return _between(modes, (0.0, 1.0), number, request.sample_time)
+    shaper = _in_turn(modes, lambda mode: bounded([mode], 0, 1, number).shaper)
     least = within_sums(modes, sums_of(shaper), number, "these zeros")
     return Made(shaper, least, notes=() if least else (UNPROVEN,))
 
 
-def _unity_of(mode: Mode, number: int) -> Shaper:
-    """The shortest one where that is proven, else the same sequence from the undamped one."""
-    with suppress(ShaperError, SolverError):
-        found = bounded([mode], 0, 1, number)
-        if found.bound.status is Status.PROVED:
-            return found.shaper
-    return unity_derivatives(mode, number)
-
-
 def _sums(request: Request, number: int) -> Made:
-    return _between(request.modes, request.sums or (0.0, 1.0), number)
+    return _between(request.modes, request.sums or (0.0, 1.0), number, request.sample_time)
 
 
-def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> Made:
+def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int, sample_time: float | None = None) -> Made:
     low, high = bounds_of(sums)
-    found = bounded(different(modes), low, high, number)
-    proven = found.bound.lower if found.bound.status is Status.PROVED else None
-    return Made(found.shaper, least_of(proven, summed(sums, "these zeros"), modes))
+    modes = different(modes)
+    if sample_time is None:
+        found = bounded(modes, low, high, number)
+        least = least_of(found.lower, summed(sums, "these zeros"), modes)
+        return Made(found.shaper, least, notes=() if least else (UNPROVEN,))
+    shaper, needed = bounded_on_samples(modes, low, high, number, sample_time)
+    what = f"these zeros at multiples of {sample_time!r} s, which need {needed}"
+    least = least_of(rounded_down(needed * exact(repr(sample_time))) if needed else None, summed(sums, what), modes)
+    return Made(shaper, least, notes=() if least else (UNPROVEN,))
 
 
 def _on_off(request: Request, number: int) -> Made:
@@ -353,13 +345,14 @@ KINDS = (
          zeros=_between_humps),
     Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE, zeros=_once, apart=_PERIOD),
     Kind("si", "si", "the shortest within the tolerance over the band", _insensitive, _EITHER),
-    Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity, _EITHER, zeros=_all),
+    Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity,
+         _EITHER | {"sample_time"}, zeros=_all),
     Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _PULSE,
          zeros=_between_unity_humps, apart=_UNITY),
     Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _PULSE | {"negative"}, frozenset({"negative"}),
          _once, _SHAPE),
     Kind("sums-zv, sums-zvd, sums-zv-d:N", r"sums-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest with partial sums within bounds", _sums,
-         _EITHER | {"sums"}, frozenset({"sums"}), _all),
+         _EITHER | {"sums", "sample_time"}, frozenset({"sums"}), _all),
     Kind("pulses-zv, pulses-zvd, pulses-zv-d:N", r"pulses-zv(?:(?P<d>d*)|-d:(\d+))", "pulses of one height and variable duration", _on_off,
          frozenset({"height", "sample_time", "simultaneous"}), frozenset({"height"}), _all),
     Kind("dl-zv, dl-zvd, dl-zv-d:N", r"dl-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest that deflects no mode beyond a limit", _deflected,

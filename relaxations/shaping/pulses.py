@@ -21,7 +21,7 @@ from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant, exact, fraction
 from relaxations.proofs import minimum_time
-from relaxations.shaping.bounded import plant_of
+from relaxations.shaping.commanded import plant_of
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.pulse_intervals import SHORTEST, Pulses, search
 from relaxations.shaping.shapers import Pulse, Shaper
