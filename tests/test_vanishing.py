@@ -70,7 +70,7 @@ def test_a_decay_is_no_zero():
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [
-        ("si --mode 1Hz:0 --damping 0:0.1 --band 1:1", 0, "note: si keeps the tolerance over the band at each mode's own damping"),
+        ("si --mode 1Hz:0 --damping 0:0.1 --band 1:1", 0, "frequency × 1 to 1, damping 0 to 0.1: [0.04999999"),
         ("si --mode 1Hz:0.5 --damping 0:0.1", 2, "does not hold the damping of the mode itself (0.5)"),
         ("ei --mode 1Hz:0.1 --mode 2.7Hz:0.1 --tolerance 1e-6 --simultaneous", 1, "0.001 and more are possible"),
         ("um-zv-d:21 --mode 1Hz:0.1", 2, "up to 20 are possible"),

@@ -16,6 +16,7 @@ from relaxations.bounds import Status
 from relaxations.checking.worst import worst_residual
 from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import exact
+from relaxations.shaping.bands import Band
 from relaxations.shaping.bounded import bounded, bounded_on_samples
 from relaxations.shaping.comparisons import (
     ONE_MODE,
@@ -35,6 +36,7 @@ from relaxations.shaping.deflection import deflection_limited
 from relaxations.shaping.humps import Humped, extra_insensitive, unity_magnitude
 from relaxations.shaping.impulses import derivative_shaper, mzv, negative_zv
 from relaxations.shaping.insensitive import specified
+from relaxations.shaping.insensitive_samples import within_on_samples
 from relaxations.shaping.least_durations import Remnant, least_with_derivatives
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.pulses import at_intervals, pulsed
@@ -46,6 +48,7 @@ from relaxations.shaping.small_tolerances import SMALLEST, within
 from relaxations.shaping.vanishing import require
 
 LARGER_TOLERANCE = "a tolerance so small is kept by a humped shaper, near the shortest; the least duration is that of a larger tolerance"
+NO_FEWER = "no least duration: that fewer samples do not do is so close that it was not proven"
 SAME = 1.0 - 1e-5  # of a tolerance: humps are designed a hair below it
 CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 
@@ -156,6 +159,10 @@ def _on_samples(found: Sampled, sample_time: float, zeros: Sequence[tuple[Mode, 
 
 
 def _humps(request: Request, number: int) -> Made:
+    if request.sample_time is not None:
+        bands = humped_ranges(different(request.modes), request.tolerance, number)
+        what = f"positive shapers within {request.tolerance:g} over the range of each mode's own {_humps_of(number)}"
+        return replace(_keeping_on_samples(bands, request.sample_time, what), ranges=tuple(enumerate(bands)))
     if request.simultaneous and len(different(request.modes)) > 1:
         return _humps_at_once(request, number)
     humped = [extra_insensitive(mode, request.tolerance, number) for mode in request.modes]
@@ -221,6 +228,8 @@ def _insensitive(request: Request, number: int) -> Made:
     reaches = request.reaches()
     bands = [band for _, band in reaches]
     among, small = "positive shapers within the tolerance over every band", min(band.tolerance for band in bands) < SMALLEST
+    if request.sample_time is not None:
+        return _keeping_on_samples(tuple(dict.fromkeys(bands)), request.sample_time, among)
     if request.simultaneous or len(request.modes) == 1:
         shortest = within(bands)
         return Made(shortest.shaper, least_of(shortest.lower, among), notes=(LARGER_TOLERANCE,) if small else ())
@@ -232,6 +241,13 @@ def _insensitive(request: Request, number: int) -> Made:
     except SolverError:
         notes.append(ONE_MODE)
     return Made(reduce(convolve, (one.shaper for one in each)), least_of(lower, among), notes=tuple(notes))
+
+
+def _keeping_on_samples(bands: Sequence[Band], sample_time: float, among: str) -> Made:
+    found = within_on_samples(bands, sample_time)
+    taken = rounded_down(found.needed * exact(repr(sample_time))) if found.needed else None
+    least = least_of(taken, f"{among} at multiples of {sample_time!r} s, which need {found.needed}")
+    return Made(found.shaper, least, notes=() if least else (NO_FEWER,))
 
 
 def _unity(request: Request, number: int) -> Made:
@@ -341,10 +357,11 @@ KINDS = (
     Kind("none", "none", "unshaped: one impulse at once", _unshaped, frozenset(OPTIONS)),
     Kind("zv, zvd, zvdd, zv-d:N", r"zv(?:(?P<d>d*)|-d:(\d+))", "zero vibration, and N derivatives of it", _derivatives,
          _EITHER | {"sample_time"}, zeros=_all),
-    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps, _EITHER,
-         zeros=_between_humps),
+    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps,
+         _EITHER | {"sample_time"}, zeros=_between_humps),
     Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE, zeros=_once, apart=_PERIOD),
-    Kind("si", "si", "the shortest within the tolerance over the band", _insensitive, _EITHER),
+    Kind("si", "si", "the shortest within the tolerance over the band", _insensitive,
+         _EITHER | {"sample_time"}),
     Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity,
          _EITHER | {"sample_time"}, zeros=_all),
     Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _PULSE,
