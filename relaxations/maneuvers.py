@@ -21,12 +21,13 @@ from relaxations.frames import Frame
 from relaxations.initial import at_rest, moments, moved
 from relaxations.limits import Limits
 from relaxations.moments import Basis
-from relaxations.plants import LinearPlant, Pole, roots
+from relaxations.plants import LinearPlant, Pole
 from relaxations.ramps import hats, rate_of
 from relaxations.robust.boxes import Box, at
 from relaxations.robust.residuals import Residuals, Sample
 from relaxations.tails import Aspect, TailLength, TailSpace, caps, passed, sloping, tail_columns, turning
 from relaxations.transitions import Transition
+from relaxations.visibility import visible
 
 Reals = NDArray[np.float64]
 
@@ -182,7 +183,8 @@ class Problem:
         return np.concatenate([target.basis.derivative(part) for target, part in zip(self.sets, parts, strict=True)])
 
 
-def _extra_zeros(plant: LinearPlant, robustness: int | Mapping[str, int]) -> dict[complex, int]:
+def extra_zeros(plant: LinearPlant, robustness: int | Mapping[str, int]) -> dict[complex, int]:
+    """How many further zeros each pole gets, by the pole; raises `ManeuverError` for modes that are not the plant's."""
     named = {f"mode[{i}]": pole for i, pole in enumerate(plant.flexible, 1)} | {f"real[{i}]": pole for i, pole in enumerate(plant.real, 1)}
     if isinstance(robustness, Mapping):
         unknown = sorted(set(robustness) - set(named))
@@ -203,7 +205,7 @@ def target_set(plant: LinearPlant, maneuver: Maneuver) -> TargetSet:
     Off the origin the moments equal those of holding u_ss for ever; at the origin all vanish but the highest, which carries the
     displacement.
     """
-    extra = _extra_zeros(plant, maneuver.robustness)
+    extra = extra_zeros(plant, maneuver.robustness)
     basis = Basis(tuple(Pole(pole.value, pole.multiplicity + extra.get(pole.value, 0)) for pole in plant.poles))
     hold = float(plant.rest_input(maneuver.displacement))
     target = basis.hold(hold)
@@ -223,7 +225,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
     if maneuver.tail:
         if len(plants) != 1:
             raise ManeuverError("an output rest is a matter of one plant: a tail hides in the zeros of that plant only")
-        plants, whole = [_visible(plant) for plant in plants], plants[0]
+        plants, whole = [visible(plant) for plant in plants], plants[0]
         if maneuver.initial is not None and plants[0].order != whole.order:
             raise ManeuverError(
                 "an initial state moves modes that the output cannot see: state rest (tail = false) brings them to rest too"
@@ -231,7 +233,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
     if maneuver.tail_length is not None and not (maneuver.tail and maneuver.tail_length[0] >= 0 and 0 < maneuver.tail_length[1] <= 1):
         raise ManeuverError("a tail length (time from 0 on, fraction from 0 to 1) needs an output rest, tail = true")
     sampling, begin = _sampling(plants, maneuver), _begin(plants, maneuver)
-    _pulses(maneuver)
+    sensible_pulses(maneuver)
     holds = {plant.rest_input(maneuver.displacement) for plant in plants}
     if len(holds) != 1:
         raise ManeuverError(f"the plants share one command and so one final rest input, but ask for {sorted(map(float, holds))}")
@@ -279,17 +281,17 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
     )
 
 
-def _pulses(maneuver: Maneuver) -> None:
+def sensible_pulses(maneuver: Maneuver) -> None:
     """Raise `ManeuverError` unless limits of pulses make sense."""
     limits = maneuver.limits
     if limits.pulse_width is not None and not limits.pulse_width > 0:
         raise ManeuverError(f"a pulse width is more than 0, not {float(limits.pulse_width)!r} s")
     if limits.pulses is not None and limits.pulses < 1:
         raise ManeuverError(f"a command has at least one pulse, not {limits.pulses}")
-    if limits.pulsed and (maneuver.tail or maneuver.box is not None or maneuver.sample_time is not None):
+    if limits.pulsed and (maneuver.tail or maneuver.sample_time is not None):
         raise ManeuverError(
-            "limits of pulses belong to a state rest of one plant, at any instants: no tail, which decays (thrusters are on or off), no "
-            "sample time, for three levels on samples are finitely many commands, and rest by coincidence only, and no box yet"
+            "limits of pulses belong to a state rest, at any instants: no tail, which decays (thrusters are on or off), and no sample "
+            "time, for three levels on samples are finitely many commands, and bring a mode to rest by coincidence only"
         )
 
 
@@ -383,18 +385,3 @@ def _sensitivities(plant: LinearPlant, maneuver: Maneuver) -> dict[complex, tupl
     if wrong:
         raise ManeuverError(f"a shift of {', '.join(wrong)} is more than 0, a residual 0 or more")
     return {named[name]: sensitivity for name, sensitivity in asked.items()}
-
-
-def _visible(plant: LinearPlant) -> LinearPlant:
-    """The plant as its output sees it; raises `ManeuverError` if a mode that the output cannot see does not decay."""
-    numerator = plant.numerators[plant.output]
-    common = numerator.gcd(plant.denominator)
-    if common.degree() <= 0:
-        return plant
-    lasting = [pole.value for pole in roots(common) if pole.value.real >= 0]
-    if lasting:
-        shown = ", ".join(f"{value:.6g}" for value in lasting)
-        raise ManeuverError(f"hidden modes: the output cannot see {shown}, which do not decay; state rest (tail = false) includes them")
-    note = f"{common.degree()} hidden modes decay unseen by the output and were dropped from the output rest"
-    lead = common / common.leading_coefficient()
-    return LinearPlant(plant.denominator / lead, {plant.output: numerator / lead}, plant.output, (*plant.notes, note))

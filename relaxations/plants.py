@@ -112,7 +112,7 @@ def roots(polynomial: fmpq_poly) -> tuple[Pole, ...]:
     return tuple(sorted(found, key=lambda pole: (abs(pole.value), pole.value.imag)))
 
 
-def _residues(numerator: fmpq_poly, denominator: fmpq_poly, pole: acb, multiplicity: int) -> tuple[complex, ...]:
+def _residues(numerator: fmpq_poly, denominator: fmpq_poly, pole: acb, multiplicity: int) -> tuple[acb, ...]:
     """Coefficients r_1 … r_m of Σ r_k / (s - p)^k in the partial fractions of numerator/denominator."""
     shift = acb_poly([pole, 1])
     upper = acb_poly(numerator)(shift).coeffs() if numerator else []
@@ -122,7 +122,18 @@ def _residues(numerator: fmpq_poly, denominator: fmpq_poly, pole: acb, multiplic
     quotient: list[acb] = []
     for k in range(multiplicity):  # power series division
         quotient.append((upper[k] - sum((quotient[i] * lower[k - i] for i in range(k)), acb(0))) / lower[0])
-    return tuple(_midpoint(c) for c in reversed(quotient))  # the series' first term belongs to the highest power
+    return tuple(reversed(quotient))  # the series' first term belongs to the highest power
+
+
+def taylor(numerator: fmpq_poly, denominator: fmpq_poly, at: complex, count: int) -> tuple[complex, ...]:
+    """The first `count` Taylor coefficients of numerator/denominator at a point that is no root of the denominator."""
+    with precision(ROOT_BITS):
+        shift, padding = acb_poly([acb(at.real, at.imag), 1]), [acb(0)] * count
+        above, below = ([*acb_poly(p)(shift).coeffs(), *padding] for p in (numerator, denominator))
+        series: list[acb] = []
+        for k in range(count):
+            series.append((above[k] - sum((series[i] * below[k - i] for i in range(k)), acb(0))) / below[0])
+        return tuple(map(_midpoint, series))
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,14 +300,21 @@ class LinearPlant:
             raise PlantError(f"the plant has no output {name!r}; it has {', '.join(sorted(self.numerators))}")
         numerator = self.numerators[name]
         through = numerator.coeffs()[self.order] if numerator.degree() == self.order else fmpq(0)
-        proper = numerator - through * self.denominator
         with precision(ROOT_BITS):
-            balls = {_midpoint(ball): ball for ball, _ in _isolated(self.denominator)} if self.order else {}
-            table = []
-            for pole in self.poles:
-                ball = min(balls.items(), key=lambda item: abs(item[0] - pole.value))[1]
-                table.append(_residues(proper, self.denominator, ball, pole.multiplicity))
-        return Partial(tuple(table), float(fraction(through)))
+            table = tuple(tuple(map(_midpoint, residues)) for _, residues in self.fractions(name))
+        return Partial(table, float(fraction(through)))
+
+    def fractions(self, output: str) -> tuple[tuple[acb, tuple[acb, ...]], ...]:
+        """Balls that hold each of `poles`, and its residues r_1 … r_m in an output; asked for within `precision(ROOT_BITS)`."""
+        numerator = self.numerators[output]
+        through = numerator.coeffs()[self.order] if numerator.degree() == self.order else fmpq(0)
+        proper = numerator - through * self.denominator
+        balls = {_midpoint(ball): ball for ball, _ in _isolated(self.denominator)} if self.order else {}
+        table = []
+        for pole in self.poles:
+            ball = min(balls.items(), key=lambda item: abs(item[0] - pole.value))[1]
+            table.append((ball, _residues(proper, self.denominator, ball, pole.multiplicity)))
+        return tuple(table)
 
 
 def _from_roots(values: Sequence[ComplexExact], what: str) -> fmpq_poly:

@@ -7,10 +7,9 @@ bracket ──► extremal, 45 digits ──► certificate of both sides       
 
 from __future__ import annotations
 
-import json
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
@@ -21,6 +20,7 @@ from flint import arb
 from numpy.typing import NDArray
 
 from relaxations import certificates, programs
+from relaxations.arcs import arc_witnesses
 from relaxations.bounds import (
     CUTS,
     FLAT,
@@ -34,7 +34,6 @@ from relaxations.bounds import (
     exponent_of,
     instants,
 )
-from relaxations.certificates import Number, Numbers
 from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command, Segment, Tail
 from relaxations.courses import respects
@@ -42,31 +41,25 @@ from relaxations.degenerate import beneath, settled
 from relaxations.duality import Costate
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
-from relaxations.plants import fraction
 from relaxations.polishing import Polished, polish
 from relaxations.prices import Prices
 from relaxations.refinement import Extremal, outline
-from relaxations.repair import SNAP, pivots, zoomed
+from relaxations.repair import SNAP, zoomed
 from relaxations.robust.proofs import robust_time
 from relaxations.robust.search import further, minimum
 from relaxations.sampling import sampled_bracket
-from relaxations.sides import RADII, Proof, Side, accepted, closing, concluded, instant_proof, landed, lower_side, rounded
+from relaxations.sides import Proof, Side, accepted, closing, concluded, instant_proof, landed, lower_side
 from relaxations.spending import spending
-from relaxations.thrusters import Pulsed, admissible, pulsed_commands
+from relaxations.thrusting import pulsed_time
 from relaxations.varying import varying_time
 
 Reals = NDArray[np.float64]
-
-SMALL = 1e-7
-"""The finest of them times the equations' condition: the test contracts where that is small."""
 
 BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 """How far beyond the minimum time (relative) a repaired command may go."""
 
 CLOSEST, ZOOMS, ZOOMED = 1e-8, 4, (1e-9, 3e-9, 1e-8, 3e-8, 1e-7)
 """Gap above which that is tried on denser grids too; how often cells are cut where the command changes; how far beyond it may go then."""
-
-TRIED = 12  # commands of pulses, the shortest ones, whose proof is tried
 
 REGULAR, GOOD, LIMITED, COURSED = 1e-12, 1e-7, 1e-6, 1e-5
 """Gaps at which the search ends: of a regular optimum; on finer grids; with a budget of fuel or a box; with limits on courses or slopes."""
@@ -83,7 +76,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
     """
     begun, chosen = time.perf_counter(), settings or Settings()
     task = certificates.task(problem)
-    if problem.transition is not None:
+    if problem.transition is not None and not problem.maneuver.limits.pulsed:
         return varying_time(problem, task, chosen, near, begun)
     for form, witness in _impossible(problem):
         content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, witness, None)
@@ -91,7 +84,8 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
             nothing = np.zeros(problem.size)
             return Bound(Status.IMPOSSIBLE, 0.0, None, nothing, None, None, None, 0, time.perf_counter() - begun, certificate=content)
     if problem.maneuver.limits.pulsed:
-        return replace(_pulsed(problem, task, chosen, near), seconds=time.perf_counter() - begun)
+        found = pulsed_time(problem, task, lambda free: minimum_time(free, chosen, near))
+        return replace(found, seconds=time.perf_counter() - begun)
     if problem.residuals is not None:
         if not any(sample.basis.size for sample in problem.residuals.samples) and not problem.courses:
             problem = replace(problem, residuals=None)  # bodies alone: they are at rest together
@@ -156,41 +150,6 @@ def _at_ease(problem: Problem, task: dict[str, Any], settings: Settings) -> Boun
     return concluded(task, proof, found, 0.0) if proof.gap <= REGULAR else None
 
 
-def _pulsed(problem: Problem, task: dict[str, Any], settings: Settings, near: float | None) -> Bound:
-    """The bracket of pulses: below that of all commands, above the best command that is found; both proven for this task."""
-    maneuver = problem.maneuver
-    free = replace(problem, maneuver=replace(maneuver, limits=replace(maneuver.limits, pulse_width=None, pulses=None)))
-    first = minimum_time(free, settings, near)
-    sides: list[Side | None] = [None, None]
-    if first.certificate is not None:
-        content, known = json.loads(first.certificate), check(first.certificate).certificate
-        claims = known and (known.claim.lower, known.claim.upper)
-        written = zip(claims or (), (content["lower"], content["upper"]), strict=False)
-        sides = [None if claim is None else Side(fraction(claim), witness) for claim, witness in written]
-    lower, upper = sides
-    proof = Proof(lower if lower and accepted(task, lower=lower) else None)
-    if first.command is not None and admissible(problem, first.command) and upper and accepted(task, upper=upper):
-        return concluded(task, replace(proof, upper=upper, command=first.command, switches=first.switches), first, 0.0)
-    if first.upper is not None:
-        for found in pulsed_commands(problem, first.lower)[:TRIED]:
-            if (proven := _thrust(problem, task, found)) is not None:
-                return concluded(task, replace(proven, lower=proof.lower), first, 0.0)
-    why = "no command with such pulses was found" if first.upper is not None else first.reason
-    return concluded(task, proof, replace(first, upper=None, command=None, switches=None, reason=why), 0.0)
-
-
-def _thrust(problem: Problem, task: dict[str, Any], found: Pulsed) -> Proof | None:
-    """The upper side of a command of pulses."""
-    for witness in _witnesses(problem, found.levels, found.maneuver_time, found.starts, np.zeros(0)):
-        for margin in (1e-14, 1e-13, 1e-12):
-            side = Side(Fraction(found.maneuver_time * (1.0 + margin)), witness)
-            if accepted(task, upper=side):
-                segments = tuple(Segment(float(start), float(level)) for start, level in zip(found.starts, found.levels, strict=True))
-                command = Command(rounded(side.claim, np.inf), segments, Tail(problem.absolute(problem.hold)))
-                return Proof(None, side, command, len(segments) - 1)
-    return None
-
-
 def _rests_on_a_limit(problem: Problem) -> bool:
     """Whether the input at a rest is itself a limit: the criteria of impossibility speak of no other task."""
     maneuver = problem.maneuver
@@ -242,7 +201,7 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
     witness = certificates.costate_witness(problem, polished.costate, polished.multipliers, Prices(polished.fuel))
     lower: Side | None = Side(Fraction(float(np.nextafter(middle, 0.0))), witness)
     above = Fraction(float(np.nextafter(middle, np.inf)))
-    for upper in _witnesses(problem, extremal.exact_levels[::-1], polished.maneuver_time, polished.starts, polished.tail):
+    for upper in arc_witnesses(problem, extremal.exact_levels[::-1], polished.maneuver_time, polished.starts, polished.tail):
         side = Side(above, upper)
         if content := accepted(task, lower, side):
             return Proof(lower, side, _bang_bang(problem, extremal, polished, above), len(polished.starts) - 1, content)
@@ -252,38 +211,12 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
 def _refined(problem: Problem, task: dict[str, Any], extremal: Extremal, found: Bound) -> Side | None:
     """The upper side of an extremal in doubles."""
     starts = np.concatenate([[0.0], extremal.maneuver_time - extremal.switches_to_go[::-1]])  # of the command some may have merged
-    for witness in _witnesses(problem, extremal.exact_levels[::-1], extremal.maneuver_time, starts, found.tail):
+    for witness in arc_witnesses(problem, extremal.exact_levels[::-1], extremal.maneuver_time, starts, found.tail):
         for margin in (1e-14, 1e-13, 1e-12):
             side = Side(Fraction(extremal.maneuver_time * (1.0 + margin)), witness)
             if accepted(task, upper=side):
                 return side
     return None
-
-
-def _witnesses(problem: Problem, levels: Sequence[Fraction], duration: Number, starts: Numbers, tail: Numbers) -> Iterator[dict[str, Any]]:
-    """Witnesses of a command of these absolute levels, one for each radius: as many unknowns as equations, the best conditioned ones.
-
-    At an extremal the switches alone are singular, so the duration is one of them, or a tail coefficient where the tail touches a limit.
-    """
-    count, size = len(starts), problem.size
-    if count + problem.tail.size < size:
-        return  # a degenerate optimum: fewer unknowns than equations
-    names: list[list[Any]] = [["time", 0, 0], *(["start", i, 0] for i in range(1, count)), *certificates.tail_unknowns(problem)]
-    jumps = np.diff([float(level - problem.maneuver.rest) for level in levels], prepend=0.0)
-    to_go = np.array([float(duration) - float(start) for start in starts])
-    slopes = float(duration) * problem.rows(to_go) * jumps
-    largest = max((abs(float(c)) for c in tail), default=0.0) or 1.0
-    drift = float(duration) * problem.aim(np.array([float(duration)]))[1]
-    columns = np.hstack([slopes.sum(axis=1, keepdims=True) - drift, slopes[:, 1:], -problem.tail.columns * largest])
-    sizes = np.abs(columns).max(axis=1)
-    if not (sizes > 0).all() or not np.isfinite(sizes).all():
-        return  # moments beyond what doubles hold: e^{ps} of a fast pole is 0 where it would count
-    columns /= sizes[:, None]
-    free = [names[i] for i in np.sort(pivots(columns)[:size])]
-    finest = min(RADII[0], SMALL / problem.frame.condition) if problem.frame else RADII[0]
-    for radius in (finest, *RADII[1:]) if isinstance(duration, Fraction) else RADII[2:]:
-        chains = certificates.tail_chains(problem, tail)
-        yield certificates.command_witness(duration, starts, levels, chains, free, radius * float(duration))
 
 
 def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: Fraction) -> Command:
@@ -340,7 +273,9 @@ def _repaired(problem: Problem, task: dict[str, Any], grids: Iterator[tuple[Real
 
 
 def _impossible(problem: Problem) -> Iterator[tuple[str, dict[str, Any] | None]]:
-    """Criteria by which a task may be impossible, each with its witness."""
+    """Criteria by which a task may be impossible, each with its witness; they speak of no plant that varies."""
+    if problem.transition is not None:
+        return
     if problem.fuel is not None or _rests_on_a_limit(problem):
         yield from ((form, None) for form in ("face", "remainder", "fuel"))
     if (asked := spending(problem)) is not None:

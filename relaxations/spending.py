@@ -6,6 +6,8 @@ prices are a small linear program (docs/theory.md, section 5). A candidate: the 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
@@ -16,6 +18,7 @@ Reals = NDArray[np.float64]
 
 LONG, COUNT, FINER = 12.0, 600, 8  # time constants of the slowest motion that decays, instants of a grid, how much finer one to look at
 FAR = 100.0  # times as long, from where on what decays is gone
+TOKEN = 1e-12  # of the limits' distance, burnt for a second: a budget that is as good as none
 MARGIN = 1e-7  # of the price: how far beyond the largest costate it is
 
 
@@ -58,3 +61,13 @@ def spending(problem: Problem) -> tuple[Reals, float, tuple[tuple[float, float, 
     largest = max(float(np.abs(p).max() + np.abs(np.diff(p, 2)).max() / 8.0) for p in courses)  # and what is between two instants
     priced = np.flatnonzero((up > 0.0) | (down > 0.0))
     return costate, max(largest, 1.0) * (1.0 + MARGIN), tuple((float(times[i]), float(up[i]), float(down[i])) for i in priced)
+
+
+def least_fuel(problem: Problem) -> float | None:
+    """Fuel [input units · s] that every command needs, however long it takes: `λᵀ target / price`, in floating point; under state rest.
+
+    None where there is no such bound, or none above 0: a mass on thrusters needs the less the longer it takes.
+    """
+    limits = problem.maneuver.limits
+    least = None if problem.tail.size else spending(replace(problem, fuel=TOKEN * float(limits.upper - limits.lower)))
+    return None if least is None else float(least[0] @ problem.target) / least[1]

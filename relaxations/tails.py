@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from relaxations.commands import TailTerm
 from relaxations.moments import Basis
-from relaxations.plants import ROOT_BITS, LinearPlant, Pole, precision
+from relaxations.plants import ROOT_BITS, LinearPlant, Pole, precision, taylor
 
 Reals = NDArray[np.float64]
 
@@ -290,16 +290,8 @@ def sloping(zero: Pole, chain: list[complex]) -> list[complex]:
 
 def passed(plant: LinearPlant, name: str, zero: Pole, chain: list[complex]) -> list[complex]:
     """What an output makes of the same: `Σ_{k≥l} G^(k-l)(z)/(k-l)! c_k` is its coefficient l."""
-    with precision(ROOT_BITS):
-        at = acb(zero.value.real, zero.value.imag)
-        above, below = (
-            [*acb_poly(p)(acb_poly([at, 1])).coeffs(), *[acb(0)] * len(chain)] for p in (plant.numerators[name], plant.denominator)
-        )
-        series: list[acb] = []
-        for k in range(len(chain)):
-            series.append((above[k] - sum((series[i] * below[k - i] for i in range(k)), acb(0))) / below[0])
-        taylor = [complex(float(g.real.mid()), float(g.imag.mid())) for g in series]
-    return [sum((g * c for g, c in zip(taylor, chain[at:], strict=False)), 0j) for at in range(len(chain))]
+    series = taylor(plant.numerators[name], plant.denominator, zero.value, len(chain))
+    return [sum((g * c for g, c in zip(series, chain[at:], strict=False)), 0j) for at in range(len(chain))]
 
 
 def moduli(coefficients: Reals, places: Sequence[tuple[int, ...]]) -> Reals:

@@ -1,14 +1,18 @@
 """Thrusters: full thrust one way, full thrust the other, or none; every pulse at least so wide, and at most so many.
 
 The set of such commands is not convex. A lower bound comes from the same task without these limits; here commands are looked for that meet
-them: for every pattern of pulses (alternating, or one way first and then the other, with coasting between them, which may vanish) the
-durations are a small nonlinear program, minimum time under the moment equations, started from several places. The best that is found may
-not be the best there is. A hair of width is kept, so that the exact command nearby is admissible too.
+them: for every pattern of pulses (that of the fastest command without these limits; alternating; one way first and then the other; with
+coasting between them, which may vanish) the durations are a small nonlinear program, minimum time under the moment equations, started from
+several places. What holds at every instant, in every plant of a box, is watched at some, and at more where a command exceeds it
+(`relaxations.watching`). The best that is found may not be the best there is. A hair of everything is kept, so that the exact command
+nearby is admissible too.
+
+Of a plant that varies t stands where time to go does elsewhere; durations and levels are in the order of time here all the same.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -18,15 +22,20 @@ from scipy.optimize import minimize
 
 from relaxations.commands import Command
 from relaxations.maneuvers import Problem
+from relaxations.watching import Watch
 
 Reals = NDArray[np.float64]
 
 MORE = 3  # alternating pulses than equations, at most; in other orders one
 STRETCHED = (1.05, 1.5, 2.2)  # times the lower bound: where searches begin
 HAIR = 1e-8  # relative: what pulses are wider, and fuel less, than they must
+ROOM = 4e-6  # of a limit that holds at every instant: what is kept of it
 VANISHED = 1e-7  # of the duration: a coast so short is none
 LANDED = 1e-9  # relative residual of the equations at which a search has come to something
 STEPS = 6  # of Newton's method at the end
+CUTS = 12  # rounds of cutting planes of one pattern
+FLICKER = 1e-3  # of the duration: pieces of a grid's command that are shorter, all neighbours together, are none
+NEAR = 1e-3  # relative: as close to the lower bound no further pattern is tried where each takes long
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,40 +47,97 @@ class Pulsed:
     levels: tuple[Fraction, ...]
 
 
+def off(problem: Problem) -> Fraction:
+    """The input at the initial rest, absolute: what thrusters are at that are off."""
+    transition, maneuver = problem.transition, problem.maneuver
+    return maneuver.rest - (transition.plant.rest(maneuver.displacement)[1] if transition else 0)
+
+
 def admissible(problem: Problem, command: Command) -> bool:
     """Whether a command's pulses are wide and few enough, as far as doubles tell."""
-    limits = problem.maneuver.limits
-    starts, full = [segment.start for segment in command.segments], (float(limits.lower), float(limits.upper), problem.rest)
+    limits, rest = problem.maneuver.limits, float(off(problem))
+    starts, full = [segment.start for segment in command.segments], (float(limits.lower), float(limits.upper), rest)
     widths = np.diff([*starts, command.end])
-    pulses = [width for segment, width in zip(command.segments, widths, strict=True) if segment.level != problem.rest]
+    pulses = [width for segment, width in zip(command.segments, widths, strict=True) if segment.level != rest]
     if any(segment.level not in full or segment.slope for segment in command.segments):
         return False
     wide = limits.pulse_width is None or min(pulses, default=np.inf) >= float(limits.pulse_width)
     return bool(wide) and (limits.pulses is None or len(pulses) <= limits.pulses)
 
 
-def pulsed_commands(problem: Problem, least: float) -> list[Pulsed]:
-    """Admissible commands, the shortest first; `least` [s] is a time that no command is shorter than."""
-    tried = (
-        _searched(problem, levels, max(least, _shortest(problem, levels)) * stretch)
-        for levels in _patterns(problem)
-        for stretch in STRETCHED
-    )
-    return sorted((one for one in tried if one is not None), key=lambda one: one.maneuver_time)
+def pulsed_commands(problem: Problem, least: float, free: Command | None = None) -> list[Pulsed]:
+    """Admissible commands, the shortest first; `least` [s] is a time that no command is shorter than, `free` the one found without limits
+    of pulses."""
+    watch, found = Watch.of(problem), list[Pulsed]()
+    if free is not None and (outline := _outlined(problem, free)) is not None:
+        levels, durations = outline
+        found += [one for one in (_searched(problem, watch, levels, durations),) if one is not None]
+    slow = problem.residuals is not None
+    for levels in _patterns(problem):
+        if slow and found and min(one.maneuver_time for one in found) <= least * (1.0 + NEAR):
+            break
+        for stretch in STRETCHED[: 1 if slow else None]:
+            begin = _shares(problem, levels, max(least, _shortest(problem, levels)) * stretch)
+            best = min((one.maneuver_time for one in found), default=np.inf) if slow else np.inf
+            if (one := _searched(problem, watch, levels, begin, best)) is not None:
+                found.append(one)
+    return sorted(found, key=lambda one: one.maneuver_time)
+
+
+def _outlined(problem: Problem, free: Command) -> tuple[tuple[Fraction, ...], Reals] | None:
+    """The pattern of pulses that a command without their limits is nearest to: what it is between two levels is shared among these."""
+    limits, coast = problem.maneuver.limits, off(problem)
+    choices = sorted({limits.lower, coast, limits.upper})
+    pieces: list[tuple[Fraction, float]] = []
+    ends = [*(segment.start for segment in free.segments[1:]), free.end]
+    for segment, end in zip(free.segments, ends, strict=True):
+        width = end - segment.start
+        level = segment.level + segment.slope * width / 2.0
+        above = next((i for i, choice in enumerate(choices) if level <= float(choice)), len(choices) - 1)
+        high, low = choices[above], choices[max(above - 1, 0)]
+        share = (level - float(low)) / float(high - low) if high > low else 1.0
+        parts = [(high, share * width), (low, (1.0 - share) * width)]
+        if pieces and pieces[-1][0] == low:
+            parts.reverse()
+        for one, part in parts:
+            if part <= 0.0:
+                continue
+            if pieces and pieces[-1][0] == one:
+                pieces[-1] = one, pieces[-1][1] + part
+            else:
+                pieces.append((one, part))
+    kept: list[tuple[Fraction, float]] = []
+    for one, part in pieces:
+        if part < FLICKER * free.end and not (kept and kept[-1][0] == one):
+            continue
+        if kept and kept[-1][0] == one:
+            kept[-1] = one, kept[-1][1] + part
+        else:
+            kept.append((one, part))
+    pulses = [level for level, _ in kept if level != coast]
+    if not pulses or (limits.pulses is not None and len(pulses) > limits.pulses):
+        return None
+    whole: list[tuple[Fraction, float]] = []
+    for one, part in kept:
+        if whole and one != coast != whole[-1][0]:
+            whole.append((coast, 0.0))
+        whole.append((one, part))
+    return tuple(one for one, _ in whole), np.array([part for _, part in whole])
 
 
 def _patterns(problem: Problem) -> Iterator[tuple[Fraction, ...]]:
-    """Deviations of pulses and coasts in turn."""
-    limits, rest = problem.maneuver.limits, problem.maneuver.rest
-    signs = [level - rest for level in (limits.upper, limits.lower) if level != rest]
-    most = min(problem.size + MORE, limits.pulses or problem.size + MORE)
+    """Levels of pulses and coasts in turn. Pulses of one sign alone bring to rest what is held elsewhere, or moves at first."""
+    limits, coast = problem.maneuver.limits, off(problem)
+    signs = [level for level in (limits.upper, limits.lower) if level != coast]
+    size = problem.size if problem.residuals is None else max(problem.size, problem.plants[0].order)
+    most, held = min(size + MORE, limits.pulses or size + MORE), bool(problem.hold) or problem.begin is not None
     seen: set[tuple[Fraction, ...]] = set()
     for count in range(1, most + 1):
         orders = [tuple(signs[(i + first) % len(signs)] for i in range(count)) for first in range(len(signs))]
-        if len(signs) == 2 and count <= problem.size + 1:
-            orders += [(one,) * k + (other,) * (count - k) for one, other in (signs, signs[::-1]) for k in range(1, count)]
+        if len(signs) == 2 and count <= size + 1:
+            orders += [(one,) * k + (other,) * (count - k) for one, other in (signs, signs[::-1]) for k in range(1, count + held)]
         for order in orders:
-            pattern = tuple(level for pulse in order for level in (pulse, Fraction(0)))[:-1]
+            pattern = tuple(level for pulse in order for level in (pulse, coast))[:-1]
             if len(pattern) >= problem.size and pattern not in seen:
                 seen.add(pattern)
                 yield pattern
@@ -82,28 +148,60 @@ def _least_width(problem: Problem) -> float:
 
 
 def _shortest(problem: Problem, levels: tuple[Fraction, ...]) -> float:
-    return _least_width(problem) * sum(level != 0 for level in levels)
+    return _least_width(problem) * sum(level != off(problem) for level in levels)
 
 
-def _searched(problem: Problem, levels: tuple[Fraction, ...], first: float) -> Pulsed | None:
-    """The shortest command of one pattern near a start of so many seconds, or None."""
-    deviations, width = np.array([float(level) for level in levels]), _least_width(problem)
-    on = deviations != 0.0
-    shares = np.where(on, 3.0, 1.0)
-    begin = np.maximum(first * shares / shares.sum(), np.where(on, width, 0.0))
-    scale = np.abs(problem.rows(np.linspace(0.0, first, 65), 1)).max(axis=1) * np.abs(deviations).max() + 1e-300
-    budget = problem.maneuver.limits.fuel
+def _shares(problem: Problem, levels: tuple[Fraction, ...], duration: float) -> Reals:
+    """So many seconds, most of them of pulses."""
+    shares = np.array([1.0 if level == off(problem) else 3.0 for level in levels])
+    return np.asarray(duration * shares / shares.sum(), dtype=np.float64)
+
+
+def _searched(problem: Problem, watch: Watch, levels: tuple[Fraction, ...], begin: Reals, best: float = np.inf) -> Pulsed | None:
+    """The shortest command of one pattern near these durations, or None, or if it does not beat the `best` [s]."""
+    values = np.array([float(level - problem.maneuver.rest) for level in levels])
+    on = np.array([level != off(problem) for level in levels])
+    durations: Reals | None = np.maximum(begin, np.where(on, _least_width(problem), 0.0))
+    for _ in range(CUTS):
+        durations = _minimized(problem, watch, values, on, durations)
+        if durations is None or durations.sum() >= best:  # what is watched more closely takes no less
+            return None
+        more = watch.further(values, durations, 1.0 - ROOM / 2)
+        if more is None:
+            return _landed(problem, levels, durations)
+        watch = more
+    return None
+
+
+def _scale(problem: Problem, values: Reals, duration: float) -> Reals:
+    return np.abs(problem.rows(np.linspace(0.0, duration, 65), 1)).max(axis=1) * np.abs(values).max() + 1e-300
+
+
+def _minimized(problem: Problem, watch: Watch, values: Reals, on: NDArray[np.bool_], begin: Reals) -> Reals | None:
+    """Durations of a local minimum under the moment equations, the budget of fuel and what is watched; None if the search fails."""
+    first, width, budget = float(begin.sum()), _least_width(problem), problem.maneuver.limits.fuel
+    scale = _scale(problem, values, first)
 
     def missed(x: Reals) -> Reals:
-        return _missed(problem, deviations, x * first) / scale
+        return _missed(problem, values, x * first) / scale
 
     def slope(x: Reals) -> Reals:
-        return _slope(problem, deviations, x * first) * first / scale[:, None]
+        return _slope(problem, values, x * first) * first / scale[:, None]
 
-    constraints: list[dict[str, object]] = [{"type": "eq", "fun": missed, "jac": slope}]
+    constraints: list[dict[str, object]] = [{"type": "eq", "fun": missed, "jac": slope}] if problem.size else []
     if budget is not None:
-        most, sizes = float(budget) * (1.0 - HAIR) / first, np.abs(deviations)
+        most, sizes = float(budget) * (1.0 - HAIR) / first, np.where(on, np.abs(values - float(off(problem) - problem.maneuver.rest)), 0.0)
         constraints.append({"type": "ineq", "fun": lambda x: most - sizes @ x, "jac": lambda x: -sizes})
+    if len(watch.rooms(values, begin)[0]):
+        last: dict[bytes, tuple[Reals, Reals]] = {}  # value and slope are asked for one after the other
+
+        def rooms(x: Reals) -> tuple[Reals, Reals]:
+            if (key := x.tobytes()) not in last:
+                last.clear()
+                last[key] = watch.rooms(values, x * first)
+            return last[key]
+
+        constraints.append({"type": "ineq", "fun": lambda x: rooms(x)[0] - ROOM, "jac": lambda x: rooms(x)[1] * first})
     bounds = [(width / first if pulse else 0.0, None) for pulse in on]
     with np.errstate(all="ignore"):
         result = minimize(
@@ -115,48 +213,58 @@ def _searched(problem: Problem, levels: tuple[Fraction, ...], first: float) -> P
             method="SLSQP",
             options={"maxiter": 80, "ftol": 1e-11},
         )
-    if not np.all(np.isfinite(result.x)) or np.abs(missed(result.x)).max() > LANDED**0.5:
+    x = np.asarray(result.x, dtype=np.float64)
+    if not np.all(np.isfinite(x)) or not x.sum() > 0.0 or np.abs(missed(x)).max(initial=0.0) > LANDED**0.5:
         return None
-    return _landed(problem, levels, np.asarray(result.x) * first, scale)
+    kept = watch.rooms(values, x * first)[0].min(initial=np.inf)
+    return x * first if kept > 0.0 else None
 
 
-def _missed(problem: Problem, levels: Reals, durations: Reals) -> Reals:
+def _missed(problem: Problem, values: Reals, durations: Reals) -> Reals:
+    if problem.transition is not None:
+        table = problem.rows(np.concatenate([[0.0], np.cumsum(durations)]), 1)
+        return np.diff(table, axis=1) @ values - problem.target
     to_go = np.append(np.cumsum(durations[::-1])[::-1], 0.0)
     table = problem.rows(to_go, 1)
-    return (table[:, :-1] - table[:, 1:]) @ levels - problem.aimed(float(to_go[0]))
+    return (table[:, :-1] - table[:, 1:]) @ values - problem.aimed(float(to_go[0]))
 
 
-def _slope(problem: Problem, levels: Reals, durations: Reals) -> Reals:
-    """Derivative of the moments by the durations: a longer piece shifts all jumps before it."""
+def _slope(problem: Problem, values: Reals, durations: Reals) -> Reals:
+    """Derivative of the moments by the durations: a longer piece shifts all jumps before it, or of a plant that varies all after it."""
+    if problem.transition is not None:
+        kicks = problem.rows(np.cumsum(durations)) * -np.diff(values, append=0.0)
+        return np.cumsum(kicks[:, ::-1], axis=1)[:, ::-1]
     to_go = np.cumsum(durations[::-1])[::-1]
-    jumps = np.diff(levels, prepend=0.0)
+    jumps = np.diff(values, prepend=0.0)
     drift = problem.aim(np.array([to_go[0]]))[1]
     return np.cumsum(problem.rows(to_go) * jumps, axis=1) - drift
 
 
-def _landed(problem: Problem, levels: tuple[Fraction, ...], durations: Reals, scale: Reals) -> Pulsed | None:
+def _landed(problem: Problem, levels: Sequence[Fraction], durations: Reals) -> Pulsed | None:
     """The command without coasts that have vanished, its durations corrected until it lands to rounding."""
     kept: list[tuple[Fraction, float]] = []
+    coast = off(problem)
     for level, duration in zip(levels, durations, strict=True):
-        if level == 0 and duration <= VANISHED * durations.sum():
+        if level == coast and duration <= VANISHED * durations.sum():
             continue
         if kept and kept[-1][0] == level:
             kept[-1] = level, kept[-1][1] + float(duration)
         else:
             kept.append((level, float(duration)))
     exact, times = tuple(level for level, _ in kept), np.array([duration for _, duration in kept])
-    deviations, size = np.array([float(level) for level in exact]), problem.size
+    values, size = np.array([float(level - problem.maneuver.rest) for level in exact]), problem.size
     if len(times) < size:
         return None
-    width = float(problem.maneuver.limits.pulse_width or 0)
-    for _ in range(STEPS):
-        residual = _missed(problem, deviations, times) / scale
-        change = np.linalg.lstsq(_slope(problem, deviations, times) / scale[:, None], residual, rcond=None)[0]
+    width, scale = float(problem.maneuver.limits.pulse_width or 0), _scale(problem, values, float(times.sum()))
+    for _ in range(STEPS if size else 0):
+        residual = _missed(problem, values, times) / scale
+        change = np.linalg.lstsq(_slope(problem, values, times) / scale[:, None], residual, rcond=None)[0]
         times = np.asarray(times - change, dtype=np.float64)
         if not np.all(times > 0.0):
             return None
-    tight = np.where(deviations != 0.0, width * (1.0 + HAIR / 4), 0.0)
-    if np.abs(_missed(problem, deviations, times) / scale).max() > LANDED**1.3 or np.any(times < tight):
+    tight = np.array([0.0 if level == coast else width * (1.0 + HAIR / 4) for level in exact])
+    missed = np.abs(_missed(problem, values, times) / scale).max(initial=0.0)
+    if missed > LANDED**1.3 or np.any(times < tight):
         return None
     starts = np.concatenate([[0.0], np.cumsum(times)[:-1]])
-    return Pulsed(float(times.sum()), starts, tuple(problem.maneuver.rest + level for level in exact))
+    return Pulsed(float(times.sum()), starts, exact)

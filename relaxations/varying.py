@@ -25,7 +25,7 @@ from relaxations.commands import Command, Segment, Tail
 from relaxations.courses import respects
 from relaxations.energy import LONGER, energy_time
 from relaxations.errors import ManeuverError, SolverError
-from relaxations.maneuvers import Maneuver, Problem, TargetSet
+from relaxations.maneuvers import Maneuver, Problem, TargetSet, sensible_pulses
 from relaxations.moments import Basis
 from relaxations.polishing import Polished, polish
 from relaxations.prices import Prices
@@ -68,11 +68,11 @@ def varying_problem(plant: VaryingPlant, maneuver: Maneuver) -> Problem:
             maneuver.robustness
         ),
         "a box yet: each of its plants would need a schedule of its own": maneuver.box is not None,
-        "limits of pulses yet": limits.pulsed,
     }
     if any(refused.values()):
         asked = ", nor with ".join(name for name, given in refused.items() if given)
         raise ManeuverError(f"a plant that varies is not moved with {asked}")
+    sensible_pulses(maneuver)
     if maneuver.displacement == 0 and maneuver.initial is None:
         raise ManeuverError("the displacement is 0: there is nothing to move")
     if maneuver.sample_time is not None and not maneuver.sample_time > 0:
@@ -180,7 +180,7 @@ def _prove(problem: Problem, task: dict[str, Any], found: Bound, settings: Setti
         proof = _regular(problem, task, extremal, polished)
     if isinstance(found.dual, Extremal) and not gridded and proof.upper is None:
         dual = found.dual
-        proof = proof.better(_upper(problem, task, dual.exact_levels, [0.0, *dual.switches_to_go], dual.maneuver_time, 1e-14))
+        proof = proof.better(arcs_proven(problem, task, dual.exact_levels, [0.0, *dual.switches_to_go], dual.maneuver_time, 1e-14))
     above: programs.GridSolution | None = None
     if proof.upper is None and found.upper is not None:
         for grid, inside in _grids(problem, found, settings):
@@ -218,11 +218,11 @@ def _regular(problem: Problem, task: dict[str, Any], extremal: Extremal, polishe
     lower: Side | None = Side(Fraction(float(np.nextafter(middle, 0.0))), witness)
     lower = lower if lower and accepted(task, lower=lower) else None
     starts = [Fraction(0), *(polished.maneuver_time - start for start in reversed(polished.starts[1:]))]
-    upper = _upper(problem, task, extremal.exact_levels, starts, polished.maneuver_time, None)
+    upper = arcs_proven(problem, task, extremal.exact_levels, starts, polished.maneuver_time, None)
     return replace(upper, lower=lower)
 
 
-def _upper(
+def arcs_proven(
     problem: Problem,
     task: dict[str, Any],
     levels: Sequence[Fraction],

@@ -18,7 +18,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from reports.errors import RecordError
@@ -36,7 +35,7 @@ _COLOURS = {
     _UNSURE: "var(--chart-unsure, #9a6700)",
     _FOURTH: "var(--chart-fourth, #7b2d8b)",
 }
-INK, FAINT, LINE, SECOND, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _LIMIT, _BAD, _UNSURE  # of charts in other modules
+INK, FAINT, LINE, SECOND, FOURTH, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _FOURTH, _LIMIT, _BAD, _UNSURE  # elsewhere
 _FONT = "var(--chart-font, system-ui, sans-serif)"
 _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions of matplotlib name
     "axes.edgecolor": _INK,
@@ -69,6 +68,7 @@ _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions o
 _WIDTH = 7.6  # inches; the page scales it
 
 Float64 = NDArray[np.float64]
+Fill = Callable[[Figure, list[Axes]], object]
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,8 +264,7 @@ def sweeps(name: str, curves: Mapping[str, tuple[ArrayLike, ArrayLike]], *, para
             x, y = _arrays(values=values, results=results)
             axes.plot(x, np.maximum(y, 1e-12), marker="os^D"[number % 4], markersize=4.0, label=label, **_look(number))
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))  # powers would be mathematics, which is off
-        axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")
+        axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")  # powers would be mathematics, which is off
         axes.set_xlabel(parameter_label)
         axes.set_ylabel(quantity_label)
         axes.legend(loc="best")
@@ -287,13 +286,10 @@ def costs(name: str, sizes: ArrayLike, curves: Mapping[str, ArrayLike], *, size_
         for number, (label, curve) in enumerate(curves.items()):
             y = _arrays(sizes=sizes, curve=curve)[1]
             axes.plot(x, y, color=(_LINE, _SECOND, _INK)[number % 3], marker="os^"[number % 3], markersize=4.0, label=label)
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))  # powers would be mathematics, which is off
+        axes.set(xscale="log", yscale="log", xlabel=size_label, ylabel=cost_label)
+        axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")
         axes.set_xticks(x, [f"{size:g}" for size in x])
         axes.set_xticks([], minor=True)
-        axes.set_xlabel(size_label)
-        axes.set_ylabel(cost_label)
         axes.legend(loc="best")
         return _svg(figure, name)
 
@@ -338,13 +334,19 @@ def shaping(
         return _svg(figure, name)
 
 
-def panels(name: str, count: int, height: float, fill: Callable[[Figure, list[Axes]], None]) -> str:
-    """A chart of `count` panels side by side with one vertical axis, `height` inches high; `fill` draws into them."""
+def panels(name: str, count: int, height: float, fill: Fill, *, stacked: Sequence[float] = ()) -> str:
+    """A chart of `count` panels side by side with one vertical axis, or `stacked` over one another in these ratios; `height` in inches."""
+    if stacked:
+        return grid(name, count, 1, (_WIDTH, height), fill, height_ratios=list(stacked))
+    return grid(name, 1, count, (_WIDTH + 0.8, height), lambda figure, axes: (fill(figure, axes), _tidy_offsets(axes[0])), sharey=True)
+
+
+def grid(name: str, rows: int, columns: int, size: tuple[float, float], fill: Fill, **arrangement: Any) -> str:
+    """A chart of `rows` times `columns` panels, of this size [inches]; `fill` draws into them. `arrangement` is that of matplotlib."""
     with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=(_WIDTH + 0.8, height), layout="constrained")
-        axes = list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
+        figure = Figure(figsize=size, layout="constrained")
+        axes = list(figure.subplots(rows, columns, squeeze=False, **arrangement).flat)
         fill(figure, axes)
-        _tidy_offsets(axes[0])
         return _svg(figure, name)
 
 

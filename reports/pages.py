@@ -77,6 +77,21 @@ def render_comparison(record: Mapping[str, Any], charts: Mapping[str, str]) -> s
     )
 
 
+def render_fuel(
+    *, title: str, record: Mapping[str, Any], choices: Sequence[Mapping[str, Any]], how_to: Sequence[str], charts: Mapping[str, str]
+) -> str:
+    """The page of a sweep of budgets: its `record` (docs/schemas.md), the prudent choices, how a point becomes a study, and its charts."""
+    template, css = _template("fuel.html.j2")
+    return template.render(
+        css=css,
+        title=title,
+        r=record,
+        choices=choices,
+        how_to=how_to,
+        charts={caption: Markup(svg) for caption, svg in charts.items()},  # their labels are escaped
+    )
+
+
 def _cells(record: Mapping[str, Any], row: Mapping[str, Any]) -> list[dict[str, Any] | None]:
     """A value and a verdict for each requirement; None where a command was not asked for it."""
     cells: list[dict[str, Any] | None] = []

@@ -13,7 +13,8 @@ from typing import Any
 import click
 
 from suite.cli_fmus import fmus
-from suite.cli_tables import table, tradeoff
+from suite.cli_tables import fuel, table, tradeoff
+from suite.cli_timing import timing
 from suite.command import AS_JSON, FAILED, INCONCLUSIVE, SANDBOX, USAGE, guarded, harmless, print_json, search_errors
 
 
@@ -380,3 +381,5 @@ def shaper(
 main.add_command(fmus)
 main.add_command(table)
 main.add_command(tradeoff)
+main.add_command(fuel)
+main.add_command(timing)

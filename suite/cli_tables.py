@@ -1,4 +1,4 @@
-"""`slewcert table` and `slewcert tradeoff`: one study, many minimum times."""
+"""`slewcert table`, `slewcert tradeoff` and `slewcert fuel`: one study, many minimum times."""
 
 from __future__ import annotations
 
@@ -70,4 +70,65 @@ def tradeoff(study: Path, tolerances: str | None, widths: str | None, plot: Path
         print_json(done.to_dict() | {"files": [] if plot is None else [str(plot)]})
     else:
         console_tables.show_tradeoff(done, plot)
+    sys.exit(FAILED if done.impossible else 0)
+
+
+@click.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option("--from", "least", metavar="FUEL", help="Least budget [input unit · s]; default: a seventh of the most.")
+@click.option("--to", "most", metavar="FUEL", help="Most; default: what the thirstiest kind burns when nothing limits it.")
+@click.option(
+    "--points", "count", type=int, default=200, show_default=True, help="Budgets, equally spaced; prudent choices and others join."
+)
+@click.option("--kind", "names", multiple=True, metavar="KIND",
+              help="rb (rigid body), zv, zvd, zvdd …; several; default: rb, zv, zvd.")  # fmt: skip
+@click.option(
+    "--show", "shown", multiple=True, metavar="FUEL", help="Draw the sensitivity of these budgets; default: the first two nodes, or knees."
+)
+@click.option("--level", type=float, default=0.05, show_default=True, help="Residual at which insensitivity is measured, of a step.")
+@click.option("--higher-mode", "higher", type=float, default=3.0, show_default=True,
+              help="The mode that nobody modelled, times the highest frequency.")  # fmt: skip
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw the overview to this file (SVG).")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Write every picture, a page that shows them, and the record into this folder."
+)
+@click.option("--certificates", type=click.Path(path_type=Path), help="Write every point's proof into this folder.")
+@SANDBOX
+@AS_JSON
+@guarded
+def fuel(
+    study: Path,
+    least: str | None,
+    most: str | None,
+    count: int,
+    names: tuple[str, ...],
+    shown: tuple[str, ...],
+    level: float,
+    higher: float,
+    plot: Path | None,
+    out: Path | None,
+    certificates: Path | None,
+    as_json: bool,
+) -> None:
+    """Bracket the minimum time of STUDY for many budgets of fuel, for several kinds of commands, and name the prudent budgets.
+
+    A point becomes a study by limits.fuel and command.robustness. Exit code 0: every point is proved or bracketed; 1: a budget is too
+    little, whatever the time; 2: bad input.
+    """
+    from suite import console, console_tables, fuel_pictures, fuel_plans, fuel_records, fuel_sweeps
+    from suite.loading import load_study
+
+    fuel_pictures.drawable(plot)
+    asked = fuel_records.Settings(level, higher)
+    planned = fuel_plans.plan(load_study(study), least, most, count, names or fuel_plans.DEFAULT_KINDS, shown, asked)
+    with console.progress("bracketing", planned.count) as bar:
+        done = fuel_sweeps.sweep(planned, certificates, bar.advance)
+    files = fuel_pictures.write(done, out) if out else []
+    if plot:
+        fuel_pictures.draw(done, plot)
+        files.append(plot)
+    if as_json:
+        print_json(done.to_dict() | {"files": [str(file) for file in files]})
+    else:
+        console_tables.show_fuel(done, files)
     sys.exit(FAILED if done.impossible else 0)

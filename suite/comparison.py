@@ -18,6 +18,7 @@ from relaxations.commands import Command
 from relaxations.errors import RelaxationsError
 from reports import charts, files, logs, manifest, pages
 from reports.errors import LogError, ManifestError, RecordError
+from suite import bundles
 from suite.errors import ABSENT, Mistake, StudyError, SuiteError
 from suite.evidence import RESULTS
 from suite.observations import observe
@@ -254,4 +255,7 @@ def _drawings(found: dict[str, dict[str, Any]], kept: dict[str, Path]) -> dict[s
             title = f"Residual vibration over {axis['parameter']}"
             label = f"{axis['parameter']} [{axis['unit']}]" if axis["unit"] else axis["parameter"]
             drawings[title] = charts.sweeps(title, lines, parameter_label=label, quantity_label="residual vibration / move")
-    return drawings
+    try:
+        return drawings | bundles.drawings({name: (results, kept[name]) for name, results in found.items()})
+    except (LogError, RecordError, RelaxationsError, LookupError, ValueError, TypeError) as problem:
+        raise ComparisonError(f"a log of the evidence cannot be read: {problem}") from None

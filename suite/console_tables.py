@@ -1,4 +1,4 @@
-"""Tables of displacements and trade-offs on a terminal."""
+"""Tables of displacements, trade-offs and budgets of fuel on a terminal."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from pathlib import Path
 
 from rich.table import Table
 
-from suite import tradeoff_text
+from suite import fuel_text, tradeoff_text
 from suite.console import escape, out
+from suite.fuel_records import FuelSweep
 from suite.table_text import table_cells
 from suite.tables import Table as DisplacementTable
 from suite.tradeoffs import Tradeoff
@@ -45,3 +46,20 @@ def show_tradeoff(done: Tradeoff, plot: Path | None) -> None:
     console.print(f"{len(done.points)} points, {proven} proven, {done.seconds:.1f} s")
     if plot is not None:
         console.print(f"written: {escape(str(plot))}", soft_wrap=True)
+
+
+def show_fuel(done: FuelSweep, files: Sequence[Path]) -> None:
+    """One row a budget, as many as fit; the prudent choices, what is missing, and what was written."""
+    console, shown = out(), Table()
+    for heading in fuel_text.headings(done):
+        shown.add_column(escape(heading), justify="right")
+    for cells, marked in fuel_text.rows(done):
+        shown.add_row(*map(escape, cells), style="bold" if marked else None)
+    console.print(shown)
+    for line in fuel_text.lines(done):
+        console.print(escape(line), soft_wrap=True)
+    points = [point for curve in done.curves for point in curve.points]
+    proven = sum(point.status in ("proved", "impossible") for point in points)
+    console.print(f"{len(done.curves[0].points)} budgets, {len(points)} minimum times, {proven} proven, {done.seconds:.1f} s")
+    for file in files:
+        console.print(f"written: {escape(str(file))}", soft_wrap=True)

@@ -16,6 +16,7 @@ from relaxations.bounds import Bound
 from relaxations.response import jumps
 from relaxations.shaping.sensitivity import residual
 from reports import charts, files, junit, layouts, logs, manifest, pages
+from suite import bundles
 from suite.bound_records import bound_record
 from suite.campaign import RunResult, interface
 from suite.checks import CERTIFICATE, ON_GRID, trusted
@@ -92,6 +93,7 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         "bound": bound,
         "command": None if design.command is None else design.command.to_dict(),
         "shaper": None if design.shaped is None else _shaper(design.shaped),
+        **({} if design.cancelled is None else {"prefilter": design.cancelled.to_dict()}),
         "simulation": None if not runs else runs[0].simulation,
         "grid": None if design.sampled is None else _grid(design, design.sampled),
         "confinement": _confinement(study),
@@ -235,7 +237,7 @@ def write(folder: Path, results: Mapping[str, Any], study: Study, design: Design
     files.write_atomically(folder / RESULTS, files.json_bytes(results))
     files.write_atomically(folder / JUNIT, junit.junit_bytes(results))
     kept = {result.name: folder / result.log for result in runs if result.log is not None}
-    drawings = draw(results, design, study.requirements, kept)
+    drawings = draw(results, design, study.requirements, kept) | bundles.drawings({study.file.stem: (results, folder)})
     files.write_atomically(folder / REPORT, pages.render(results, drawings).encode())
     if kept:
         layout = layouts.layout_bytes(logs.read_log(next(iter(kept.values()))).signals)

@@ -18,6 +18,7 @@ from relaxations.shaping.sensitivity import insensitivity
 from suite.quantity_names import Quantity
 
 Reals = NDArray[np.float64]
+Modes = tuple[tuple[float, float], ...]  # flexible ones: (natural frequency [rad/s], damping ratio)
 
 UNDAMPED = 1e-4  # damping ratios below this count as undamped
 DECAYED = 1e-3  # amplitude to which a damped mode must have decayed for its last value to be its rest value
@@ -153,17 +154,25 @@ def _before_end(run: Observation) -> float:
     return last.level + last.slope * (run.command.end - last.start)
 
 
+def step_impulses(command: Command, rest: float, unit: float) -> tuple[Reals, Reals] | None:
+    """Instants [s] and sizes of a command's jumps, counted in units of `unit` (input units); None of slopes or a tail, which are none."""
+    if any(segment.slope for segment in command.segments) or command.tail.terms or not unit:
+        return None
+    table = jumps(command, rest)
+    return table[:, 0], table[:, 1] / unit
+
+
+def command_insensitivity(command: Command, rest: float, unit: float, modes: Modes, level: float) -> float:
+    """`insensitivity(level)` of a command: that of its jumps, the least over the modes; infinite without any, NaN where it has none."""
+    impulses = step_impulses(command, rest, unit)
+    if impulses is None:
+        return math.inf if not (unit or modes) else math.nan
+    return min((insensitivity(*impulses, frequency, damping, level) for frequency, damping in modes), default=math.inf)
+
+
 def _insensitivity(run: Observation, quantity: Quantity) -> float:
-    if any(segment.slope for segment in run.command.segments) or run.command.tail.terms:
-        return math.nan  # defined by impulses, which steps alone are made of
-    if not run.facts.modes:
-        return math.inf
-    table = jumps(run.command, run.facts.rest_input)
-    unit = float(np.abs(run.input - run.facts.rest_input).max())
-    if unit == 0.0:
-        return math.nan
-    level = float(quantity.level or 0)
-    return min(insensitivity(table[:, 0], table[:, 1] / unit, frequency, damping, level) for frequency, damping in run.facts.modes)
+    rest = run.facts.rest_input
+    return command_insensitivity(run.command, rest, float(np.abs(run.input - rest).max()), run.facts.modes, float(quantity.level or 0))
 
 
 def _optimality_gap(run: Observation, quantity: Quantity) -> float:

@@ -16,12 +16,12 @@ from relaxations.bounds import Bound, Status
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Problem, problem
 from relaxations.proofs import minimum_time
-from reports.files import write_atomically
 from suite.design import pose
 from suite.errors import Mistake, StudyError, SuiteError
 from suite.plants import nominal_plant
 from suite.spans import span
 from suite.study import Study
+from suite.sweeps import extrapolated, kept, sides
 
 MOST_ROWS = 10_000
 
@@ -41,11 +41,10 @@ class Row:
     def to_dict(self) -> dict[str, Any]:
         """A row of `table --json`."""
         bound = self.bound
-        impossible = bound.status is Status.IMPOSSIBLE
         record = {
             "displacement": float(self.displacement),
             "status": bound.status.name.lower(),
-            "maneuver_time": None if impossible else {"lower": bound.lower, "upper": bound.upper},
+            "maneuver_time": sides(bound),
             "switches": bound.switches,
             "certificate": None if self.certificate is None else str(self.certificate),
         }
@@ -111,10 +110,7 @@ def tabulate(
     rows: list[Row] = []
     for i, (displacement, problem_, near) in enumerate(_guessed(study, posed, asked, rows), 1):
         bound = minimum_time(problem_, near=near)
-        file = None
-        if certificates is not None and bound.certificate is not None:
-            file = certificates / f"{study.file.stem}.{i:0{len(str(len(asked)))}}.certificate.json"
-            write_atomically(file, bound.certificate)
+        file = kept(certificates, f"{study.file.stem}.{i:0{len(str(len(asked)))}}", bound)
         rows.append(Row(displacement, bound, file))
         advance()
     mirrored = study.limits.upper - study.plant.initial_input == study.plant.initial_input - study.limits.lower
@@ -130,7 +126,7 @@ def _guessed(
     box = posed.maneuver.box
     for i, displacement in enumerate(order):
         last = [row for row in done[-2:] if (row.displacement > 0) == (displacement > 0) and row.bound.upper]
-        near = _extrapolated(last, displacement)
+        near = extrapolated([(row.displacement, row.bound.upper) for row in last if row.bound.upper], displacement)
         if box is not None and last and last[-1].bound.dual is not None and last[-1].bound.dual.problem.maneuver.box is not None:
             box = last[-1].bound.dual.problem.maneuver.box  # with the places that mattered
         try:
@@ -138,14 +134,3 @@ def _guessed(
         except ManeuverError as refused:
             mistake = Mistake("maneuver.displacement", float(displacement), f"row {i + 1} of the table: {refused}")
             raise StudyError(str(study.file), [mistake]) from None
-
-
-def _extrapolated(last: list[Row], displacement: Fraction) -> float | None:
-    if not last or last[-1].bound.upper is None:
-        return None
-    before, times = last[0], [row.bound.upper or 0.0 for row in last]
-    if len(last) == 1 or before.displacement == last[1].displacement:
-        return times[-1]
-    slope = (times[1] - times[0]) / float(last[1].displacement - before.displacement)
-    guess = times[1] + slope * float(displacement - last[1].displacement)
-    return guess if guess > times[1] / 2 else times[1]

@@ -13,8 +13,9 @@ from relaxations.bounds import Bound
 from reports.files import write_atomically
 from suite.plants import nominal_value
 from suite.study import Study
+from suite.sweeps import stairs
 from suite.table_text import BRACKET, bracket_cells
-from suite.tradeoffs import Point, Tradeoff, TradeoffError, stairs
+from suite.tradeoffs import Point, Tradeoff, TradeoffError
 
 if TYPE_CHECKING:
     from reports.tradeoff_charts import Sweep

@@ -1,7 +1,7 @@
 """`slewcert tradeoff`: the minimum time against the residual that is allowed, and against the width of the box of uncertain parameters.
 
 Every point is a robust task of its own, with a certificate of its own. A smaller tolerance, or a box around another one, asks for more, so
-the minimum time can only grow: what is proven at the points bounds it between them, too (`stairs`).
+the minimum time can only grow: what is proven at the points bounds it between them, too (`sweeps.stairs`).
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from relaxations.plants import LinearPlant, fraction
 from relaxations.proofs import minimum_time
 from relaxations.robust.boxes import Axis, Box, Family, Listed
 from relaxations.robust.worst import WorstResidual, worst_residual
-from reports.files import write_atomically
 from suite.design import pose
 from suite.errors import ABSENT, Mistake, StudyError, SuiteError
 from suite.plants import nominal_plant, nominal_value
 from suite.spans import span
 from suite.study import Study, Uncertainty
+from suite.sweeps import claimed, kept, sides
 
 MOST_POINTS = 200
 ROUND_NUMBERS = (Fraction(1), Fraction(3, 2), Fraction(2), Fraction(3), Fraction(5), Fraction(7))  # and their tenths, hundredths …
@@ -70,12 +70,12 @@ class Point:
     @property
     def lower(self) -> float | None:
         """The lower side [s], if it is proven; of a box that is sampled, too: its witness looks at some plants only."""
-        return self.bound.lower if self.bound is not None and "lower" in _claimed(self.bound) else None
+        return self.bound.lower if self.bound is not None and "lower" in claimed(self.bound) else None
 
     @property
     def upper(self) -> float | None:
         """The upper side [s], if it is proven for the whole box."""
-        return self.bound.upper if self.bound is not None and "upper" in _claimed(self.bound) and not self.sampled else None
+        return self.bound.upper if self.bound is not None and "upper" in claimed(self.bound) and not self.sampled else None
 
     def to_dict(self) -> dict[str, Any]:
         """A point of `tradeoff --json`."""
@@ -84,7 +84,7 @@ class Point:
             "width": float(self.width),
             "ranges": {name: [low, high] for name, low, high in self.ranges},
             "status": self.status,
-            "maneuver_time": _bracket(self.bound),
+            "maneuver_time": sides(self.bound),
             "proven": {"lower": self.lower is not None, "upper": self.upper is not None},
             "certificate": None if self.certificate is None else str(self.certificate),
         }
@@ -106,7 +106,7 @@ class Usual:
         return {
             "robustness": self.robustness,
             "status": self.bound.status.name.lower(),
-            "maneuver_time": _bracket(self.bound),
+            "maneuver_time": sides(self.bound),
             "worst_residual": None if self.worst is None else float(self.worst.tolerance),
             "certificate": None if self.certificate is None else str(self.certificate),
         }
@@ -150,22 +150,6 @@ class Tradeoff:
             "notes": list(self.notes),
             "seconds": round(self.seconds, 6),
         }
-
-
-def stairs(points: Sequence[Point], asks_more: int) -> list[tuple[float | None, float | None]]:
-    """What is proven of the minimum time between each point and the next: (lower, upper), None where nothing is.
-
-    `asks_more` is 1 if the later points ask for more (widths), -1 if the earlier ones do (tolerances). Between two points the task asks for
-    at least what the easier one asks for, and for no more than the harder one does. Infinite below an impossible one: there is no time.
-    """
-    count, found = len(points), []
-    for i in range(count - 1):
-        easier, harder = (points[: i + 1], points[i + 1 :]) if asks_more > 0 else (points[i + 1 :], points[: i + 1])
-        below = [float("inf") if p.status == "impossible" else p.lower for p in easier]
-        above = [p.upper for p in harder]
-        known = [x for x in below if x is not None], [x for x in above if x is not None]
-        found.append((max(known[0], default=None), min(known[1], default=None)))
-    return found
 
 
 def tolerances(text: str | None, own: Fraction) -> tuple[Fraction, ...]:
@@ -256,15 +240,11 @@ def tradeoff(planned: Plan, certificates: Path | None = None, advance: Callable[
     posed = _posed(planned, own, Fraction(1))
     stem = study.file.stem
 
-    def kept(name: str, content: bytes | None) -> Path | None:
-        if certificates is None or content is None:
-            return None
-        file = certificates / f"{stem}.{name}.certificate.json"
-        write_atomically(file, content)
-        return file
+    def proof(name: str, found: Bound | WorstResidual | None) -> Path | None:
+        return kept(certificates, f"{stem}.{name}", found)
 
     first = _point(planned, own, Fraction(1), posed, None)
-    first = replace(first, certificate=kept(f"tolerance-{_named(own)}", first.bound and first.bound.certificate))
+    first = replace(first, certificate=proof(f"tolerance-{_named(own)}", first.bound))
     advance()
     sweeps: list[list[Point]] = []
     for values, along in ((planned.tolerances, "tolerance"), (planned.widths, "width")):
@@ -276,15 +256,15 @@ def tradeoff(planned: Plan, certificates: Path | None = None, advance: Callable[
             except StudyError as refused:
                 asked, trouble = None, "; ".join(mistake.message for mistake in refused.mistakes)
             point = _point(planned, *pair, asked, found[neighbour].bound, trouble)
-            found[value] = replace(point, certificate=kept(f"{along}-{_named(value)}", point.bound and point.bound.certificate))
+            found[value] = replace(point, certificate=proof(f"{along}-{_named(value)}", point.bound))
             advance()
         sweeps.append([found[value] for value in values])
     usual = []
     for robustness in FURTHER:
         bound = minimum_time(pose(_asking(study, robustness), planned.plant))
         worst = _left(posed, bound) if study.uncertainties else None
-        kept(f"robustness-{robustness}.residual", worst and worst.certificate)
-        usual.append(Usual(robustness, bound, worst, kept(f"robustness-{robustness}", bound.certificate)))
+        proof(f"robustness-{robustness}.residual", worst)
+        usual.append(Usual(robustness, bound, worst, proof(f"robustness-{robustness}", bound)))
         advance()
     done = Tradeoff(study, own, tuple(sweeps[0]), tuple(sweeps[1]), tuple(usual), 0.0, planned.notes)
     bounds = [*(point.bound for point in done.points), *(command.bound for command in usual)]
@@ -358,17 +338,6 @@ def _left(posed: Problem, bound: Bound) -> WorstResidual | None:
         return worst_residual(posed, bound.command)
     except ManeuverError:  # a command of ramps
         return None
-
-
-def _claimed(bound: Bound) -> set[str]:
-    """Which sides a bound's certificate claims, "lower" or "upper"."""
-    if bound.certificate is None:
-        return set()
-    return {side for side, value in json.loads(bound.certificate)["claim"].items() if side != "impossible" and value is not None}
-
-
-def _bracket(bound: Bound | None) -> dict[str, float | None] | None:
-    return None if bound is None or bound.status is Status.IMPOSSIBLE else {"lower": bound.lower, "upper": bound.upper}
 
 
 def _named(value: Fraction) -> str:

@@ -162,6 +162,17 @@ def test_the_picture_of_the_trade_off_is_the_one_that_its_command_draws(tmp_path
     assert len(shown) > 10
 
 
+@pytest.mark.slow
+def test_the_picture_of_fuel_is_the_one_that_its_command_draws(tmp_path: Path):
+    """Words and numbers of it, as of the other ones."""
+    again = tmp_path / "picture.svg"
+    words = ["fuel", str(ROOT / "suite/studies/two_mass_fuel.toml"), "--from", "1", "--to", "7", "--plot", str(again)]
+    assert CliRunner().invoke(main, words).exit_code == 0
+    shown, drawn = (re.findall(r"<text[^>]*>([^<]*)</text>", file.read_text()) for file in (ROOT / "docs/fuel.svg", again))
+    assert shown == drawn
+    assert len(shown) > 10
+
+
 def test_times_in_the_prose_are_those_of_the_picture_and_of_the_commands(printed: dict[str, str]):
     picture = (ROOT / "docs/two_mass.svg").read_text()
     told = set(re.findall(r"\((\d\.\d{4}) s\)", README))

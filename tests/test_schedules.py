@@ -86,7 +86,6 @@ MISTAKES = {
     "further zeros and boxes": GAIN + "\n[command]\nrobustness = 1\n",
     "the plant varies from the beginning of the move on": GAIN + "\n[command]\nstart = 1\n",
     "command.follow, without a schedule": GAIN + '\n[command]\nkind = "shaper"\nshaper = "zv"\n',
-    "limits.pulses": GAIN + "pulses = 2\n",
     "limits.tail_length": GAIN + "tail_length = { time = 1.0, within = 0.1 }\n",
     "belongs to a plant given as numbers": CRANE.replace("schedule = { ", "schedule = { B = [[1.0]], "),
     "where the FMU rests nothing varies": CRANE.replace("[plant]", "[plant]\ninitial = { settle = true }"),

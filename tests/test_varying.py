@@ -186,7 +186,7 @@ def test_what_a_varying_plant_is_not_moved_with(others: dict[str, object], said:
         varying_problem(GROWING, Maneuver(Fraction(1), Limits.of(-1, 1), **others))  # type: ignore[arg-type]
     for refused, why in (
         (Limits.of(-1, 1, rate=(1, 2)), "limits of the slope contain 0"),
-        (Limits(Fraction(-1), Fraction(1), pulses=2), "limits of pulses yet"),
+        (Limits(Fraction(-1), Fraction(1), pulses=0), "at least one pulse"),
         (Limits.of(-1, 1, deflection={"speed": 1}), "names 'speed'; of a plant that varies it may be that of output, output_rate"),
         (Limits.of(-1, 1, deflection={"output": "0.5"}), "deviates by 1 at 0 s: no command stays within 0.5"),
     ):

@@ -216,9 +216,9 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
         or any(task.box is None and not plant.zeros and len(start) == len(plant.denominator) - 1 for plant in task.plants)
     )
     require(fine, "an initial state has as many numbers as the plant has poles, and goes without further zeros or a box")
-    limits, plain = task.limits, task.rest == "state" and task.box is None and task.limits.sample_time is None
+    limits, plain = task.limits, task.rest == "state" and task.limits.sample_time is None
     fine = (limits.pulse_width is None and limits.pulses is None) or (plain and limits.pulse_width != 0 and limits.pulses != 0)
-    require(fine and (limits.pulse_width or 1) > 0, "pulses have a width or number of more than 0, under state rest without box or samples")
+    require(fine and (limits.pulse_width or 1) > 0, "pulses have a width or number of more than 0, under state rest without samples")
     fine = task.limits.sample_time is None or (task.rest == "state" and task.limits.sample_time > 0)
     require(fine, "a sample time belongs to a state rest, and is more than 0")
     fine = all(task.rest == "output" and shift > 0 <= residual for shift, residual in task.limits.zero_sensitivity.values())

@@ -208,6 +208,20 @@ def tail_limits(system: System, n: int, command: list[Number]) -> None:
     inside(tail, arb(later).lower(), beyond, system.room(later), first)
 
 
+def pulsed(task: Any, command: Sequence[Number], n: int, free: Sequence[Any]) -> None:
+    """Prove that every piece that is not exactly at the initial input is at a limit, wide enough, and that there are few enough of them."""
+    limits = task.limits
+    if not (limits.pulse_width or limits.pulses):
+        return
+    pulses = [i for i in range(n) if not arb(command[n + 1 + i]).is_zero()]
+    full = all(command[n + 1 + i] in [side - task.initial_input for side in limits.input] for i in pulses)
+    require(full and all(kind != "level" for kind, _, _ in free), "pulses are exactly at a limit of the input")
+    for i in pulses if limits.pulse_width else ():
+        width = arb([*command[1 : n + 1], command[0]][i + 1]) - arb(command[1 + i])
+        at_most(limits.pulse_width, width, f"pulse {i} is wide enough")
+    at_most(fmpq(len(pulses)), fmpq(limits.pulses or n), "there are no more pulses than allowed")
+
+
 def prove(system: System, witness: Any, time: fmpq) -> None:
     """Prove that an admissible command of at most `time` seconds exists; raises `Refuted` or `Undecided`."""
     n = len(witness.segments)
@@ -229,15 +243,7 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     courses.prove(system, n, command)
     if system.task.limits.rate is not None:
         ramps.prove(system, command, n)
-    limits = system.task.limits
-    pulses = [i for i in range(n) if not arb(command[n + 1 + i]).is_zero()]  # every piece that is not exactly at the initial input
-    if limits.pulse_width or limits.pulses:
-        full = all(command[n + 1 + i] in (system.lower, system.upper) for i in pulses)
-        require(full and all(kind != "level" for kind, _, _ in witness.free), "pulses are exactly at a limit of the input")
-    for i in pulses if limits.pulse_width else ():
-        width = arb([*command[1 : n + 1], command[0]][i + 1]) - arb(command[1 + i])
-        at_most(limits.pulse_width, width, f"pulse {i} is wide enough")
-    at_most(fmpq(len(pulses)), fmpq(limits.pulses or n), "there are no more pulses than allowed")
+    pulsed(system.task, command, n, witness.free)
     tail_limits(system, n, command)
     for places, cap in system.capped:
         at_most(abs(acb(*(arb(command[2 * n + 1 + place]) for place in places))), cap, "the tail is insensitive to a zero's place")

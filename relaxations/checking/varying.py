@@ -232,6 +232,7 @@ def upper_side(task: Varying, witness: Any, time: fmpq) -> None:
     for i, level in enumerate(command[n + 1 : 2 * n + 1]):
         upper.at_most(limits.input[0], level + task.task.initial_input, f"level {i} is above its limit")
         upper.at_most(level + task.task.initial_input, limits.input[1], f"level {i} is below its limit")
+    upper.pulsed(task.task, command, n, witness.free)
     if limits.fuel is not None:
         burnt = sum((abs(level) * arb(b - a) for level, (a, b) in zip(v, pairwise(instants), strict=False)), arb(0))
         upper.at_most(ramps.burnt(v, instants) if straight else burnt, limits.fuel, "the move uses no more fuel than there is")
@@ -279,9 +280,8 @@ def sensible(task: Any) -> None:
     same = all(len(x) == len(schedule.instants) for x in (A, B, C, schedule.D))
     square = all(len(a) == n and all(len(row) == n for row in a) for a in A) and all(len(b) == n for b in (*B, *C))
     require(same and square, "a schedule has A, B, C, D for every instant: A is n×n, B and C have n numbers")
-    others = (limits.pulse_width, limits.pulses, limits.tail_length)
-    fine = task.rest == "state" and task.box is None and not any((*others, limits.zero_sensitivity))
-    require(fine, "a plant that varies comes to a rest of its state: without a box, pulses or what belongs to a tail")
+    fine = task.rest == "state" and task.box is None and not (limits.tail_length or limits.zero_sensitivity)
+    require(fine, "a plant that varies comes to a rest of its state: without a box or what belongs to a tail")
     require(task.initial_state is None or len(task.initial_state) == n, "a plant that varies begins at as many numbers as it has states")
 
 

@@ -61,13 +61,16 @@ def robust_time(problem: Problem, task: dict[str, Any], settings: Settings, near
     upper = None if command is None else command.maneuver_time
     costate = np.zeros(problem.size) if dual is None else dual.costate
     bound = Bound(Status.BRACKETED, 0.0, upper, costate, command, None, reason, count, 0.0, dual=dual)
-    done, box = concluded(task, proof, bound, time.perf_counter() - begun), problem.maneuver.box
-    if done.status is Status.PROVED and box is not None and isinstance(box.family, Listed):
-        known = f"sampled: both sides are proven for the {len(box.family.plants)} plants of the box that are known"
-        return replace(
-            done, status=Status.BRACKETED, reason=f"{known}; the lower one holds for the whole box then, the upper one only there"
-        )
-    return done
+    return sampled(concluded(task, proof, bound, time.perf_counter() - begun), problem)
+
+
+def sampled(done: Bound, problem: Problem) -> Bound:
+    """A bracket that is proven, of a box whose plants are known at some places only: both sides are about these."""
+    box = problem.maneuver.box
+    if done.status is not Status.PROVED or box is None or not isinstance(box.family, Listed):
+        return done
+    known = f"sampled: both sides are proven for the {len(box.family.plants)} plants of the box that are known"
+    return replace(done, status=Status.BRACKETED, reason=f"{known}; the lower one holds for the whole box then, the upper one only there")
 
 
 def _snap(found: Sampled) -> float:

@@ -19,7 +19,7 @@ import operator
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from relaxations.commands import Command, Segment, Tail, TailTerm
 from relaxations.errors import ShaperError
@@ -57,6 +57,35 @@ class Pulse:
     def gain(self) -> float:
         """Its integral."""
         return self.width * self.height
+
+
+class Convolvable(Protocol):
+    """What is convolved: impulses and decaying terms, or pulses, of any static gain."""
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Instants of the impulses [s]."""
+        ...
+
+    @property
+    def amplitudes(self) -> tuple[float, ...]:
+        """Their sizes."""
+        ...
+
+    @property
+    def terms(self) -> tuple[ShaperTerm, ...]:
+        """Decaying terms."""
+        ...
+
+    @property
+    def pulses(self) -> tuple[Pulse, ...]:
+        """Pulses."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """When the last of them acts, begins or ends [s]."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,12 +206,18 @@ def convolve(first: Shaper, second: Shaper) -> Shaper:
         if first.terms or second.terms:
             raise ShaperError("pulses convolved with decaying terms are neither")
         return _pulsed(parts)
+    impulses, terms = _impulses_and_terms(parts)
+    return Shaper(tuple(impulses), tuple(impulses.values()), terms)
+
+
+def convolved(first: Convolvable, second: Convolvable) -> tuple[dict[float, float], tuple[ShaperTerm, ...]]:
+    """Impulses and terms of one after the other, of any static gain, without pulses."""
+    return _impulses_and_terms(_product(_parts_of(first), _parts_of(second), first.duration + second.duration))
+
+
+def _impulses_and_terms(parts: _Parts) -> tuple[dict[float, float], tuple[ShaperTerm, ...]]:
     impulses = sorted((part.start, weight.real) for part, weight in parts.items() if part.order == 0)
-    return Shaper(
-        tuple(start for start, _ in impulses),
-        tuple(amplitude for _, amplitude in impulses),
-        tuple(ShaperTerm(part.start, part.rate, part.order - 1, value) for part, value in _real_terms(parts)),
-    )
+    return dict(impulses), tuple(ShaperTerm(part.start, part.rate, part.order - 1, value) for part, value in _real_terms(parts))
 
 
 def as_pulses(shaper: Shaper, width: float) -> Shaper:
@@ -209,7 +244,7 @@ def _pulsed(parts: _Parts) -> Shaper:
     return Shaper((), (), (), tuple(pulses))
 
 
-def shape(command: Command, shaper: Shaper, rest: float = 0.0) -> Command:
+def shape(command: Command, shaper: Convolvable, rest: float = 0.0) -> Command:
     """What the shaper makes of the command, exactly; `rest` is the input before the command's start (input units).
 
     Raises `ShaperError` if exponentials run before the last switch: segments and one tail cannot hold that (a running filter can).
@@ -249,7 +284,7 @@ class _Part:
 _Parts = dict[_Part, complex]
 
 
-def _parts_of(shaper: Shaper) -> _Parts:
+def _parts_of(shaper: Convolvable) -> _Parts:
     impulses = {_Part(time, 0j, 0): complex(amplitude) for time, amplitude in zip(shaper.times, shaper.amplitudes, strict=True)}
     edges = [
         (_Part(time, 0j, 1), complex(jump)) for p in shaper.pulses for time, jump in ((p.start, p.height), (p.start + p.width, -p.height))

@@ -133,6 +133,24 @@ def test_check_as_a_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         print(f" --help takes {aid / bare:.1f} times python -c pass ({1e3 * aid:.0f} and {1e3 * bare:.0f} ms)")
 
 
+@pytest.mark.parametrize("name", ["two_mass_fuel", "spacecraft"])
+def test_a_sweep_of_two_hundred_budgets(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Figures of `slewcert fuel`: three kinds, processor time; two hundred budgets are to take a minute on one core."""
+    from suite.fuel_plans import plan
+    from suite.fuel_sweeps import sweep
+    from suite.loading import load_study
+
+    begun = time.process_time()
+    done = sweep(plan(load_study(Path(__file__).parents[2] / "suite" / "studies" / f"{name}.toml")))
+    taken = time.process_time() - begun
+    points = [point for curve in done.curves for point in curve.points]
+    proven, gap = sum(point.status == "proved" for point in points), max(point.bound.gap or 0.0 for point in points)
+    budgets = len(done.curves[0].points)
+    with capsys.disabled():
+        print(f"\n{name}: {budgets} budgets, {len(points)} minimum times, {proven} proven, largest gap {gap:.1e},", end="")
+        print(f" {taken:.1f} s of processor time")
+
+
 def test_a_table_of_a_hundred_displacements(tmp_path: Path) -> None:
     """Figures of `slewcert table`: the two-mass spring, and a sampled one; a hundred rows are to take a minute at most."""
     from suite.loading import load_study

@@ -1,0 +1,76 @@
+"""The bracket of commands of pulses, proven: below that of all commands, above the best one that is found (`relaxations.thrusters`)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from relaxations.arcs import arc_witnesses
+from relaxations.bounds import Bound
+from relaxations.checking.claims import check
+from relaxations.commands import Command, Segment, Tail
+from relaxations.maneuvers import Problem
+from relaxations.maneuvers import problem as pose
+from relaxations.plants import fraction
+from relaxations.programs import GridSolution
+from relaxations.robust.proofs import sampled
+from relaxations.sides import Proof, Side, accepted, concluded, rounded
+from relaxations.thrusters import Pulsed, admissible, pulsed_commands
+from relaxations.varying import arcs_proven
+
+TRIED = 12  # commands, the shortest ones, whose proof is tried
+MARGINS = (1e-14, 1e-13, 1e-12)
+
+
+def pulsed_time(problem: Problem, task: dict[str, Any], minimum: Callable[[Problem], Bound]) -> Bound:
+    """Both sides, proven for this task; `minimum` brackets the task without limits of pulses."""
+    maneuver = problem.maneuver
+    free = replace(problem, maneuver=replace(maneuver, limits=replace(maneuver.limits, pulse_width=None, pulses=None)))
+    first = minimum(free)
+    sides: list[Side | None] = [None, None]
+    if first.certificate is not None:
+        content, known = json.loads(first.certificate), check(first.certificate).certificate
+        claims = known and (known.claim.lower, known.claim.upper)
+        written = zip(claims or (), (content["lower"], content["upper"]), strict=False)
+        sides = [None if claim is None else Side(fraction(claim), witness) for claim, witness in written]
+    lower, upper = sides
+    proof = Proof(lower if lower and accepted(task, lower=lower) else None)
+    if first.command is not None and admissible(problem, first.command) and upper and accepted(task, upper=upper):
+        return concluded(task, replace(proof, upper=upper, command=first.command, switches=first.switches), first, 0.0)
+    if first.upper is not None:
+        for found in pulsed_commands(_sampled(problem, first), first.lower, first.command)[:TRIED]:
+            if (proven := _thrust(problem, task, found)) is not None:
+                return sampled(concluded(task, replace(proven, lower=proof.lower), first, 0.0), problem)
+    why = "no command with such pulses was found" if first.upper is not None else first.reason
+    return concluded(task, proof, replace(first, upper=None, command=None, switches=None, reason=why), 0.0)
+
+
+def _sampled(problem: Problem, first: Bound) -> Problem:
+    """The problem with the places of its box that the command without limits of pulses needed."""
+    box = problem.maneuver.box
+    if box is None or not isinstance(first.dual, GridSolution) or (known := first.dual.problem.maneuver.box) is None:
+        return problem
+    return pose(problem.plants, replace(problem.maneuver, box=replace(box, samples=known.samples)))
+
+
+def _thrust(problem: Problem, task: dict[str, Any], found: Pulsed) -> Proof | None:
+    """The upper side of a command of pulses."""
+    if problem.transition is not None:
+        for margin in MARGINS:
+            proof = arcs_proven(problem, task, found.levels, list(found.starts), found.maneuver_time, margin)
+            if proof.upper is not None:
+                return proof
+        return None
+    for witness in arc_witnesses(problem, found.levels, found.maneuver_time, found.starts, np.zeros(0)):
+        for margin in MARGINS:
+            side = Side(Fraction(found.maneuver_time * (1.0 + margin)), witness)
+            if accepted(task, upper=side):
+                segments = tuple(Segment(float(start), float(level)) for start, level in zip(found.starts, found.levels, strict=True))
+                command = Command(rounded(side.claim, np.inf), segments, Tail(problem.absolute(problem.hold)))
+                return Proof(None, side, command, len(segments) - 1)
+    return None

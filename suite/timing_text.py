@@ -1,0 +1,152 @@
+"""What timing errors leave as lines of text and as a picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from reports.files import write_atomically
+from suite.console import escape, out
+from suite.timings import Left, Timing, TimingError
+
+POINTS = 13  # of the curves of worst errors
+DECADES = 2.0  # that they reach below the largest error
+
+
+def drawable(path: Path) -> None:
+    """Raises `TimingError` for a picture of another format than SVG."""
+    if path.suffix != ".svg":
+        raise TimingError(f"--plot {path}: the picture is an SVG, so its name ends in .svg")
+
+
+def unit_of(done: Timing, one: Left) -> str:
+    """The unit of a motion: the output's, over a power of a second."""
+    base = done.study.plant.output_unit or "1"
+    return base + {0: "", 1: "/s"}.get(one.motion.unit, f"/s^{one.motion.unit}")
+
+
+def show(done: Timing, plot: Path | None) -> None:
+    """Two tables: what is left of each motion, and what each instant does to it."""
+    console, asked = out(), done.asked
+    console.print(escape(done.study.title or done.study.file.stem))
+    shown = Table()
+    columns = ["left at T", "unit", "as planned", "rms for each ms of jitter"]
+    columns += ["delayed"] * bool(asked.on or asked.off)
+    columns += ["rms, first order", "95 % below", f"largest of {asked.samples}"] * bool(asked.jitter)
+    columns += ["worst, proved"] * bool(asked.within)
+    for column in columns:
+        words = column in ("left at T", "unit")
+        shown.add_column(escape(column), justify="left" if words else "right", no_wrap=words)
+    for one in done.left:
+        row = [one.motion.name, unit_of(done, one), _rounding(done, one.planned), f"{one.per_second * 1e-3:.4g}"]
+        row += [_rounding(done, one.delayed)] * bool(asked.on or asked.off)
+        if one.rms is not None and one.drawn is not None:
+            sizes = np.abs(one.drawn)
+            row += [f"{one.rms:.4g}", f"{np.quantile(sizes, 0.95):.4g}", f"{sizes.max():.4g}"]
+        if one.worst is not None:
+            row += [f"≤ {_up(one.worst.bound)}"]
+        shown.add_row(*map(escape, row))
+    console.print(shown)
+    shown = Table()
+    shown.add_column("instant [s]", justify="right")
+    if done.planned != done.happening:
+        shown.add_column("happens [s]", justify="right")
+    shown.add_column(escape(f"jump [{done.study.plant.input_unit or '1'}]"), justify="right")
+    for one in done.left:
+        shown.add_column(escape(f"{one.motion.name} [{unit_of(done, one)}] for each ms"), justify="right")
+    for i, (planned, late) in enumerate(zip(done.planned, done.happening, strict=True)):
+        row = [f"{planned.instant:.10f}"] + [f"{late.instant:.10f}"] * (done.planned != done.happening) + [f"{planned.jump:+.6g}"]
+        for one in done.left:
+            slope = one.slopes[i] * 1e-3
+            row.append(f"{abs(slope) * one.motion.factor:.4g}" if one.motion.flexible else f"{slope.real + 0.0:+.4g}")
+        shown.add_row(*map(escape, row))
+    console.print(shown)
+    for line in lines(done):
+        console.print(escape(line), soft_wrap=True)
+    if plot is not None:
+        console.print(f"written: {escape(str(plot))}", soft_wrap=True)
+
+
+def lines(done: Timing) -> Iterator[str]:
+    """What stands below the tables."""
+    asked = done.asked
+    if asked.within and done.flexible:
+        total = math.fsum(one.worst.bound for one in done.flexible if one.worst is not None) / done.scale
+        yield f"instants within ± {asked.within:g} s: the flexible modes together leave at most {_up(100 * total)} % of the move: proved"
+    if done.limit is not None and done.allowed is not None:
+        name, limit = done.limit
+        kept = f"{name} (residual vibration at most {limit:g}) is kept by the modes of the nominal plant"
+        if done.allowed > 0.0:
+            digits = 4 - math.floor(math.log10(done.allowed))
+            allowed = math.floor(done.allowed * 10.0**digits) / 10.0**digits
+            most = ", the most for which the events are sure to keep their order" if done.ordered(done.allowed) else ""
+            yield f"{kept} if no instant errs by more than {allowed:.5g} s{most}: proved"
+        else:
+            yield f"{kept.replace('is kept', 'is not kept')} even without errors"
+    if any(one.motion.unit for one in done.left):
+        yield "a rate that is left makes the output drift until something stops it: it is no vibration, and not part of the modes"
+    for note in done.notes:
+        yield f"note: {note}"
+
+
+def _rounding(done: Timing, value: float) -> str:
+    """A value, or 0 where it is rounding alone."""
+    return f"{value:.4g}" if abs(value) > 1e-12 * done.scale else "0"
+
+
+def _up(value: float) -> str:
+    """Five digits, rounded up."""
+    if value <= 0.0:
+        return "0"
+    digits = 4 - math.floor(math.log10(value))
+    return f"{math.ceil(value * 10.0**digits) / 10.0**digits:.6g}"
+
+
+def draw(done: Timing, path: Path) -> None:
+    """The picture to a file."""
+    write_atomically(path, picture(done).encode())
+
+
+def picture(done: Timing) -> str:
+    """The command with what each instant does to each mode, and what is left against the size of the errors, as SVG text."""
+    from relaxations import timing
+    from relaxations.timing_worst import worst
+    from reports.charts import Limit, standalone
+    from reports.timing_charts import Curve, timing_errors
+
+    command, happening = done.command, done.happening
+    shown = [one for one in done.left if not one.motion.unit]
+    free = timing.room(happening) / 2
+    most = min(free if math.isfinite(free) else command.maneuver_time / 2, command.maneuver_time / 10)
+    errors = np.geomspace(most * 10.0**-DECADES, most * (1 - 1e-9), POINTS)
+    share = 100.0 / done.scale
+    curves = [
+        Curve(
+            one.motion.name,
+            [share * worst(one.motion, happening, command.end, float(error)).bound for error in errors],
+            [share * timing.root_mean_square(one.motion, happening, command.end, float(error)) for error in errors],
+            [share * 1e-3 * abs(slope) * one.motion.factor for slope in one.slopes],
+        )
+        for one in shown
+    ]
+    edges = [command.start, *(segment.start for segment in command.segments[1:]), command.end]
+    levels = [*(segment.level for segment in command.segments), command.tail.steady]
+    plant = done.study.plant
+    limit = (
+        None if done.limit is None else Limit(100.0 * done.limit[1], f"{done.limit[0]}: {100 * done.limit[1]:g} % of residual vibration")
+    )
+    return standalone(
+        timing_errors(
+            f"{done.study.title or done.study.file.stem}: what errors of timing leave",
+            curves,
+            errors=errors.tolist(),
+            instants=[event.instant for event in happening],
+            command=(edges, levels, float(plant.initial_input)),
+            command_label=f"{plant.input} [{plant.input_unit}]" if plant.input_unit else plant.input,
+            limit=limit,
+        )
+    )
