@@ -80,8 +80,8 @@ class _Search:
         except SolverError:
             least = min(band.tolerance for band in self.bands)
             raise SolverError(
-                f"no program on samples tells a tolerance of {least!r} from none; {SMALL:g} and more are possible, zv-d:N leaves nothing at "
-                "the mode, and without a sample time the tolerance is kept"
+                f"no program on samples tells a tolerance of {least!r} from none; {SMALL:g} and more are possible, zv-d:N leaves nothing "
+                "at the mode, and without a sample time the tolerance is kept"
             ) from None
         return replace(found, excess=found.excess * unit)
 
