@@ -25,11 +25,12 @@ from relaxations.shaping.modes import Mode
 from relaxations.shaping.sampled import require_fine
 from relaxations.shaping.shapers import Shaper
 from relaxations.shaping.switched import MOST, PROGRAMMED, switched
-from relaxations.shaping.vanishing import left, possible
+from relaxations.shaping.vanishing import left, possible, require_told
 
 MOST_EQUATIONS = 24  # real ones: with more programs take minutes
 MOST_DAMPED = 0.9  # beyond it they do not tell the equations apart
 MOST_SAMPLES = 1000
+MOST_FOLDS = 20.0  # of decay while the impulses last: programs in doubles tell that much
 NEARLY = 1e-9  # of levels: so close to a bound, or to each other, they are the same
 CLOSED = 1e-10  # of the largest term of what vanishes
 
@@ -98,6 +99,8 @@ def _fastest(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int
             f"{derivatives} derivatives of {len(modes)} mode(s) are {equations} equations at once; up to {MOST_EQUATIONS} are possible, "
             f"and of one mode {MOST} derivatives with free instants; zv-d:N takes any number"
         )
+    if len(modes) > 1 or sample_time is not None:
+        require_told(modes, derivatives, MOST_FOLDS)
     grid = None if sample_time is None else exact(repr(sample_time))
     found = minimum_time(problem([plant_of(modes)], Maneuver(exact(1), Limits.of(lower, upper), robustness=derivatives, sample_time=grid)))
     if found.command is None:

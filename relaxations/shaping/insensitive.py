@@ -31,7 +31,8 @@ from relaxations.shaping.shapers import Shaper
 
 Reals = NDArray[np.float64]
 
-CELLS = 160  # instants of the first grid
+CELLS, PER_PERIOD = 160, 14  # instants of the first grid, at least, and for each period of the fastest frequency
+MOST_BAND, WELL_DAMPED = 12.0, 0.3  # ends of a band: of wider ones with less damping programs take minutes
 MOST_PERIODS = 100.0  # of the fastest mode in the slowest one's half period: more than the grid can tell apart
 ROUNDS = 12  # of exchange
 PROGRAMS = 40  # cone programs for one duration, at most
@@ -70,9 +71,15 @@ def specified(bands: Sequence[Band], zeros: Sequence[tuple[Mode, int]] = ()) -> 
             f"the shaper would last {slowest * fastest / (2.0 * math.pi):.4g} periods of {fastest:.6g} rad/s, the fastest mode or band; "
             f"one solution is searched up to {MOST_PERIODS:g}; slow and fast modes apart are convolved"
         )
+    if wide := [band for band in bands if band.high > MOST_BAND * band.low and band.damped[0] < WELL_DAMPED]:
+        raise SolverError(
+            f"a band from {wide[0].low:g} to {wide[0].high:g} is wider than is searched at dampings below {WELL_DAMPED:g}: ends that "
+            f"differ by a factor of up to {MOST_BAND:g} are possible"
+        )
+    cells = max(CELLS, math.ceil(PER_PERIOD * slowest * fastest / (2.0 * math.pi)))
     demands = _vanishing(zeros, slowest)
     demands += sampled_demands(bands)
-    search, exact = _Search(demands, tuple(bands), slowest), None
+    search, exact = _Search(demands, tuple(bands), slowest, cells), None
     for _ in range(ROUNDS):
         search.find()
         exact = search.exact()
@@ -107,11 +114,12 @@ class _Search:
     demands: list[Demand]
     bands: tuple[Band, ...]
     duration: float
+    cells: int = CELLS
     extra: list[float] = field(default_factory=list)
     solution: programs.ConeSolution | None = None
 
     def instants(self, duration: float) -> Reals:
-        return duration * np.union1d(np.linspace(0.0, 1.0, CELLS + 1), self.extra)
+        return duration * np.union1d(np.linspace(0.0, 1.0, self.cells + 1), self.extra)
 
     def solve(self, duration: float) -> programs.ConeSolution:
         return self.solve_on(self.instants(duration), duration)
@@ -152,7 +160,7 @@ class _Search:
         assert self.solution is not None
         instants = self.instants(self.duration)
         over = exceeded(instants, self.solution.weights, self.bands, 1.0 + MISSED)
-        fine = np.linspace(0.0, self.duration, 16 * CELLS + 1)
+        fine = np.linspace(0.0, self.duration, 16 * self.cells + 1)
         course = (self.solution.multipliers.conj() @ rows(self.demands, fine, self.duration)).real
         dips = peaks(-course)
         low = [float(fine[i]) for i in dips if course[i] < self.solution.sum - MISSED]
@@ -180,7 +188,7 @@ class _Search:
 
     def _impulses(self, solution: programs.ConeSolution) -> tuple[Reals, Reals]:
         """The weights of the grid belong to the minima of the multipliers' function; there are the impulses."""
-        fine = np.linspace(0.0, self.duration, 16 * CELLS + 1)
+        fine = np.linspace(0.0, self.duration, 16 * self.cells + 1)
         course = (solution.multipliers.conj() @ rows(self.demands, fine, self.duration)).real
         places = np.array([0.0, *(t for i in peaks(-course) if 0.0 < (t := vertex(fine, -course, int(i))) < self.duration), self.duration])
         nearest = np.abs(np.subtract.outer(self.instants(self.duration), places)).argmin(axis=1)
