@@ -116,8 +116,8 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
         sample_time=None if study.limits.sample_time is None else Fraction(study.limits.sample_time),
         initial=required_start(study, plant),
     )
-    varying = study_plant(study)
     try:
+        varying = study_plant(study)
         return problem([plant], maneuver) if varying is None else varying_problem(varying, maneuver)
     except ManeuverError as refused:
         raise StudyError(str(study.file), [Mistake("maneuver", ABSENT, str(refused))]) from None
