@@ -5,8 +5,11 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any
 
+import pytest
+from flint import fmpq
 from forgery import certificate, changed, command, costate, number, opened, proven_limited, task, written
 
+from relaxations.checking import reading
 from relaxations.checking.claims import Outcome, check, claim
 
 # Lies, about the cart with |u| ≤ 1 and a speed of at most 1/2: T = 2.5, u = 1 until 0.5, -1 from 2 on; p = 2 (s - 1/2) until 1/2, 0
@@ -58,6 +61,23 @@ def test_what_the_checker_calls_malformed() -> None:
         assert lower_side("2.4", [PRESS], **others) is Outcome.MALFORMED, others
     for change in ({"output": "speed"}, {"begin": "-1"}, {"begin": "3"}):
         assert lower_side("2.4", [{**PRESS, **change}]) is Outcome.MALFORMED
+
+
+def test_what_is_given_of_outputs_has_their_names() -> None:
+    read = reading.by_name([reading.real, 1, 2])
+    assert read({"a": ["1"], "b": ["2", "1/2"]}, "here") == {"a": (1,), "b": (2, fmpq(1, 2))}
+    assert len(read({f"w{i}": ["1"] for i in range(reading.MOST_OUTPUTS)}, "here")) == reading.MOST_OUTPUTS
+    for data, said in (
+        ({f"w{i}": ["1"] for i in range(reading.MOST_OUTPUTS + 1)}, "here names at most 50 outputs"),
+        ([], "here names at most 50 outputs"),
+        (None, "here names at most 50 outputs"),
+        ({"": ["1"]}, "here is a short name"),
+        ({"a\n": ["1"]}, "here is a short name"),
+        ({"a": "1"}, r"here\.a is an array of 1 to 2 items"),
+        ({"a": ["x"]}, r"here\.a\[0\] is no exact number: 'x'"),
+    ):
+        with pytest.raises(reading.Malformed, match=said):
+            read(data, "here")
 
 
 def test_a_changed_limit_changes_the_claim() -> None:

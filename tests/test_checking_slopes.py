@@ -113,6 +113,22 @@ def test_a_sloped_command_jumps_nowhere() -> None:
     assert outcome(n6=fmpq(-7, 1), n3=2) == "Refuted"
 
 
+def test_a_sloped_command_ends_where_the_tail_begins() -> None:
+    plant = system(RIGID)
+    for end, expected in (("1/2", "proved"), ("11/12", "Refuted"), ("1/12", "Refuted"), ("5/6", "proved")):
+        pair_first = plant.zeros[0].flexible
+        tail = [Fraction(0)] * 3
+        tail[0 if pair_first else 1] = Fraction(1, 3)  # the pair's real part
+        tail[2 if pair_first else 0] = Fraction(end) - Fraction(1, 3)
+        command = fractions([Fraction(31, 10), 0, 1, 3, 0, -1, Fraction(1, 2), *tail])
+        try:
+            ramps.prove(plant, command, N)
+            found = "proved"
+        except Refuted:
+            found = "Refuted"
+        assert found == expected
+
+
 def test_fuel_of_straight_pieces() -> None:
     """`∫ |u| dt`: triangles where u changes its sign, trapezoids where it does not."""
     levels, instants = fractions([0, 2, -1, -3, 0, 0, 1]), fractions([0, 1, 4, 6, 7, 9, 10])
