@@ -342,41 +342,6 @@ def test_what_a_tail_does_after_the_move(output: str | None) -> None:
         assert (above, below) == (50 - rest, 50 + rest)
 
 
-# (s + 2)³ over a plant with other poles: outputs whose coefficients backwards, or every other one, are multiples of (s + 2)³.
-TRIPLE = (["1", "6", "12", "8"], ["1", "5", "11", "15", "9", "3", "1"])
-
-
-@pytest.mark.parametrize("above", [["8", "12", "6", "1"], ["1"], ["1", "3", "6", "5", "12", "7", "8"][2:], ["5", "1"], ["1", "2"]])
-def test_what_a_tail_of_a_triple_zero_does_to_an_output(above: list[str]) -> None:
-    """`Σ_{k≥l} G^(k-l)(z)/(k-l)! c_k` at z = -2, the derivatives by exact division of power series about it."""
-    posed = system(task(*TRIPLE, "1", rest="output", outputs={"w": above}, deflection={"w": "50"}))
-    answer, *_ = posed.after("w")
-    (zero,) = posed.zeros
-    assert zero.multiplicity == 3
-
-    def about(written: list[str]) -> list[Fraction]:
-        """The coefficients of N(-2 + x), lowest first, by repeated division."""
-        rest, found = [Fraction(c) for c in written], []
-        for _ in range(3):
-            quotient = [Fraction(0)]
-            for c in rest:
-                quotient.append(c - 2 * quotient[-1])
-            found.append(quotient[-1])
-            rest = quotient[1:-1]
-        return found
-
-    n, d, gains = about(above), about(TRIPLE[1]), []
-    for k in range(3):
-        gains.append((n[k] - sum((gains[i] * d[k - i] for i in range(k)), Fraction(0))) / d[0])
-    numbers = [Fraction(3), Fraction(-1, 2), Fraction(5, 4)]
-    found = answer([acb(exactly(c)) for c in numbers], zero)
-    for at, value in enumerate(found):
-        expected = sum((gains[k - at] * numbers[k] for k in range(at, 3)), Fraction(0))
-        assert value.real.overlaps(arb(exactly(expected)))
-        assert float(value.real.rad()) < 1e-30
-        assert expected or above == ["1", "2"]  # which leaves out the first derivative alone
-
-
 def test_the_controlled_output_is_not_moved_by_a_tail() -> None:
     posed = system(task(*TAILED, "2", rest="output", outputs={"y": TAILED[0]}, deflection={"y": "50"}))
     answer, above, below = posed.after("y")

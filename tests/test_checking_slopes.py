@@ -21,9 +21,11 @@ from relaxations.checking.reading import Refuted, Undecided
 
 RIGID = task(["1", "5", "11", "15"], ["1", "1.2", "4.2", "4", "0", "0"], "2", rest="output", rate=["-4", "4"])  # (s + 3)(s² + 2s + 5)
 HELD = task(["2"], ["1", "2.2", "5.4", "8.2", "4"], "0.25", rate=["-4", "4"])  # (s + 1)² (s² + 0.2s + 4), input 1/2 at rest
+TAILED = task(["1", "5", "11", "15"], ["1", "2.2", "5.4", "8.2", "4"], "2", rest="output", rate=["-4", "4"])  # both: held at 8/15
 N = 3
 COMMANDS = {
     "rigid": (RIGID, [5, 0, 1, 3, 0, -1, Fraction(1, 2), Fraction(1, 5), Fraction(-1, 7), Fraction(2, 9)]),
+    "tailed": (TAILED, [5, 0, 1, 3, 0, -1, Fraction(1, 2), Fraction(1, 5), Fraction(-1, 7), Fraction(2, 9)]),
     "held": (HELD, [4, 0, Fraction(1, 3), 2, 0, Fraction(3, 4), Fraction(-1, 2)]),
 }
 
