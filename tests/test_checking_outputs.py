@@ -284,6 +284,14 @@ def test_a_command_that_takes_an_output_too_far() -> None:
     assert found("0.7499", [0, -1], sloped=True, start=["0", "0.25"]) == "Refuted"
 
 
+def test_straight_pieces_of_any_length_end_where_the_tail_begins() -> None:
+    """(s + 1)/s²: the input goes up to 1 in 2 s and down to 1/2 in 3 s, where its tail begins: its integral is 1 + 9/4."""
+    others: dict[str, Any] = {"outputs": {"rate": ["1", "0"]}, "rate": ["-9", "9"], "rest": "output"}
+    for limit, expected in (("3.2501", "proved"), ("3.2499", "Refuted")):
+        posed = system(task(["1", "1"], ["1", "0", "0"], "1", deflection={"rate": limit}, **others))
+        assert outcome(courses.prove, posed, 2, [fmpq(5), fmpq(0), fmpq(2), fmpq(0), fmpq(1), fmpq(1, 2)]) == expected
+
+
 def test_instants_of_multipliers_are_exact() -> None:
     third = fmpq(1, 3)
     assert courses.near(plant(), third).is_exact()
