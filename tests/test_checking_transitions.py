@@ -251,6 +251,16 @@ def test_what_a_series_leaves_out_is_in_all_that_is_made_of_it(rate: Fraction, g
     assert float(after.rows[0][0, 0].rad()) == pytest.approx(float(step.left[0, 0].rad()), rel=1e-6)
 
 
+def test_integrals_of_what_is_left_out() -> None:
+    """± b of p is ± b τ of its integral and ± b τ²/2 of the integral of that."""
+    nothing = arb_mat(1, 1)
+    step = Step(fmpq(0), fmpq(4), [nothing] * 3, (nothing, nothing), nothing, arb(0, 1))
+    for tau in (1, 3):
+        for ball, radius in ((step.step(arb(tau)), tau), (step.ramp(arb(tau)), tau * tau / 2)):
+            assert ball[0, 0].mid() == 0
+            assert float(ball[0, 0].rad()) == pytest.approx(radius, rel=1e-6)
+
+
 # Series.
 
 
