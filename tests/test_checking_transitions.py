@@ -215,8 +215,10 @@ def test_what_a_series_leaves_out_is_bounded_by_the_formula(monkeypatch: pytest.
         assert [[float(x.mid()) for x in row] for row in step.left.tolist()] == [[0, 0], [0, 0]]
         radii = np.array([[float(x.rad()) for x in row] for row in step.left.tolist()])
         assert radii == pytest.approx(sizes[:, None] / w, rel=1e-4)
+        assert (radii >= sizes[:, None] / w).all()  # it is of times a hair beyond the step, too
         most = float(sizes.max()) * (np.max(np.abs(b) / w) + far * np.max(np.abs(growth) / w))
         assert float(step.beyond.rad()) == pytest.approx(most, rel=1e-4)
+        assert float(step.beyond.rad()) >= most
         assert step.beyond.mid() == 0
         # The longest power of 2 that the bound allows, or until the next instant.
         fits = lambda h, A=A, rise=rise: (norm(A) + norm(rise) * 4 * h) * h <= 1.5  # noqa: E731
