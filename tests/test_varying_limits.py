@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from forgery import changed, number, written
+from marks import slow
 from varying_plants import GROWING, HOISTING, STIFF_A, STIFF_B, STIFF_C, admits, asked_of, posed, proven
 
 from relaxations.checking.claims import Outcome, check, claim
@@ -115,7 +116,7 @@ SAMPLED = {
 }
 
 
-@pytest.mark.parametrize("which", SAMPLED)
+@pytest.mark.parametrize("which", [slow(which) if which in ("held", "outputs", "steps") else which for which in SAMPLED])
 def test_samples_are_counted_as_another_program_counts_them(which: str) -> None:
     plant, maneuver = SAMPLED[which]
     found, _, _ = proven(varying_problem(plant, replace(maneuver, sample_time=STEP)))
@@ -159,6 +160,7 @@ def test_limits_that_do_not_matter_change_nothing() -> None:
     assert check(content).certificate.task.limits.deflection.keys() == {"swing", "speed"}  # type: ignore[union-attr]
 
 
+@pytest.mark.slow
 def test_tighter_limits_are_never_faster() -> None:
     times = []
     for speed in ("0.9", "0.7", "0.5"):
