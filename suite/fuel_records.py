@@ -19,6 +19,7 @@ from suite.sweeps import claimed, sides
 LEVEL = 0.05  # at which insensitivity is measured unless said otherwise
 HIGHER = 3.0  # times the highest frequency that is modelled: about where the mode is that nobody modelled
 BENT = 2.0  # a knee bends the curve this many times as much as the curve is bent before it bends the next time
+MOST_KNEES = 4  # of a curve: the clearest ones
 CLEAR = 1e-9  # gap above which a point says nothing about the curve's bends
 
 
@@ -222,13 +223,16 @@ def _knees(points: Sequence[Point]) -> tuple[Point, ...]:
         left, right = float(here.fuel - before.fuel), float(after.fuel - here.fuel)
         times = [point.bound.upper or 0.0 for point in (before, here, after)]
         bends.append(2.0 * ((times[0] - times[1]) / left - (times[1] - times[2]) / right) / (left + right))
-    found, top, place, flat = [], 0.0, -1, 0.0
+    found: list[tuple[float, Point]] = []
+    top, place, flat = 0.0, -1, 0.0
     for i in reversed(range(len(bends))):
         if bends[i] >= top and bends[i] > BENT * flat:
             top, place = bends[i], i
         elif place >= 0 and bends[i] * BENT < top:
-            found.append(points[place + 1])
+            knee = points[place + 1]
+            found.append((top * float(knee.fuel) ** 2 / (knee.bound.upper or 1.0), knee))  # whatever the units of fuel and time
             top, place, flat = 0.0, -1, max(bends[i], 0.0)
         if place < 0:
             flat = min(flat, max(bends[i], 0.0))
-    return tuple(found)
+    clearest = sorted(found, key=lambda pair: -pair[0])[:MOST_KNEES]
+    return tuple(sorted((knee for _, knee in clearest), key=lambda point: -point.fuel))

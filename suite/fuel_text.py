@@ -97,9 +97,11 @@ def how_to(done: FuelSweep) -> tuple[str, ...]:
     best = done.choices[0] if done.choices else None
     fuel = written(best.fuel) if best else written(done.curves[-1].points[-1].fuel)
     zeros = (best.kind.zeros if best else done.curves[-1].kind.zeros) or 0
+    rigid = done.modes and any(curve.kind.zeros is None for curve in done.curves)
     return (
         f"to take a point: in the study fuel = {fuel} under [limits], robustness = {zeros} under [command] (ZV: 0, ZVD: 1, ZVDD: 2); "
         "then slewcert bound, or slewcert verify",
+        *(["the rigid body's commands are there to compare with: they leave the modes swinging"] if rigid else []),
     )
 
 

@@ -16,6 +16,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from independent_limits import Limited
 
 from relaxations.bounds import Bound, Status
 from relaxations.checking.claims import Outcome, check
@@ -365,3 +366,39 @@ def test_the_least_fuel() -> None:
     assert least_fuel(lag) == pytest.approx(3.0, rel=1e-6)  # ∫u adds up to the displacement
     mass = problem([LinearPlant.from_transfer([1], [1, 0, 0])], Maneuver(Fraction(3), Limits.of(-1, 1)))
     assert least_fuel(mass) is None  # the less, the longer it takes
+
+
+# Against another program, and machines of every kind that is shipped.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_random_machines_against_another_program(seed: int, tmp_path: Path) -> None:
+    """Minimum times by HiGHS on a grid that shares nothing with ours, which can only be slower; unequal limits and damping too."""
+    rng = np.random.default_rng([2026, 7, seed])
+    omega, zeta = rng.uniform(1.0, 3.0), rng.choice([0.0, 0.03])
+    bottom = [float(f"{c:.4g}") for c in np.polymul([1, 0, 0], [1, 2 * zeta * omega, omega**2])]
+    low, high = -float(f"{rng.uniform(0.5, 2):.3g}"), float(f"{rng.uniform(0.5, 2):.3g}")
+    file = study_file(tmp_path, f"numerator = [1.0]\ndenominator = {bottom}", displacement="2.0", limits=f"{low}, {high}")
+    result = run(file, "--points", 7, "--kind", "zv", "--json")
+    assert result.exit_code == 0
+    (found,) = json.loads(result.stdout)["curves"]
+    plant = LinearPlant.from_transfer([1], bottom)
+    for one in found["points"][::3]:
+        assert one["status"] == "proved"
+        lower, upper = one["maneuver_time"]["lower"], one["maneuver_time"]["upper"]
+        other = Limited(plant, 2.0, low, high, one["fuel"]).time(0.98 * lower, 1.05 * upper, 150, 1e-4)
+        assert other >= lower * (1 - 1e-6)
+        assert other == pytest.approx(upper, rel=6e-3)  # what a grid of 150 steps is slower
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["spacecraft", "robot_arm", "disk_drive", "chain", "gantry_crane", "two_mass_rate"])
+def test_shipped_machines(name: str) -> None:
+    """Two modes, damping, a lag of the actuator, six masses, a swinging load, limits of the slope: proven, and in order."""
+    result = run(STUDIES / f"{name}.toml", "--points", 5, "--json")
+    assert result.exit_code == 0
+    for one in json.loads(result.stdout)["curves"]:
+        assert {p["status"] for p in one["points"]} == {"proved"}
+        assert all(more["maneuver_time"]["lower"] <= less["maneuver_time"]["upper"] for less, more in pairwise(one["points"]))
+        assert all(more["maneuver_time"]["upper"] <= less["maneuver_time"]["upper"] * 1.0001 for less, more in pairwise(one["points"]))
