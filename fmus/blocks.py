@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 from fmus.errors import BuildError
 from fmus.plant_files import IDENTIFIER, RESERVED, PlantFile, PlantVariable
+from relaxations.cancelling.prefilters import Prefilter
 from relaxations.commands import Command
 from relaxations.shaping.shapers import Shaper
 
@@ -70,20 +71,23 @@ def command_block(command: Command, name: str, signal: Signal) -> Block:
 
 
 def shaper_block(
-    shaper: Shaper, name: str, signal: Signal, *, reference: str = "reference", linear: bool = False, history: int = HISTORY
+    shaper: Shaper | Prefilter, name: str, signal: Signal, *, reference: str = "reference", linear: bool = False, history: int = HISTORY
 ) -> Block:
     """The FMU `name` that shapes its input `reference` in real time; parameters: `rest`, and `linear`, which starts as given here.
 
     Between communication points the reference is held, or, if `linear`, a straight line over each step. `history` is how many
-    changes of it within the shaper's duration are remembered. Raises `BuildError` for a name, unit or history that is none.
+    changes of it within the shaper's duration are remembered. Of a pole-zero cancelling filter the reference has no unit here: its gains
+    turn that of a plant's output into the signal's. Raises `BuildError` for a name, unit or history that is none.
     """
     if not 2 <= history <= 10**7:
         raise BuildError(f"a shaper remembers from 2 to 10000000 changes of its reference, not {history}")
     reading = "Between communication points the reference is a line over each step (true) or held (false)"
+    is_filter = isinstance(shaper, Prefilter)
+    unit = "" if is_filter else signal.unit
     variables = [
-        PlantVariable(0, "rest", "parameter", signal.unit, "Reference before the start", start=signal.rest),
+        PlantVariable(0, "rest", "parameter", unit, "Reference before the start", start=signal.rest),
         PlantVariable(0, "linear", "parameter", "", reading, boolean=True, start=float(linear)),
-        PlantVariable(0, reference, "input", signal.unit, "What is to be shaped", start=signal.rest),
+        PlantVariable(0, reference, "input", unit, "What is to be shaped", start=signal.rest),
         PlantVariable(0, signal.name, "output", signal.unit, "The reference, shaped", is_output=True),
     ]
     # Terms that begin together and decay alike are one filter; its states are their powers, from 0 up.
@@ -98,6 +102,7 @@ def shaper_block(
         coefficients += [(by_power[j].real, by_power[j].imag) for j in range(count)]
     numbers = {
         "DURATION": shaper.duration,
+        "GAIN": shaper.gain if isinstance(shaper, Prefilter) else 1.0,
         "HISTORY": history,
         "IMPULSES": len(shaper.times),
         "PULSES": len(shaper.pulses),
@@ -112,9 +117,10 @@ def shaper_block(
         _table("Filter", "FILTER", filters),
         _table("struct { double real, imaginary; }", "COEFFICIENT", coefficients),
     ]
-    length = shaper.duration or 1.0
+    length = float(shaper.duration) or 1.0
     parts = f"{len(shaper.pulses)} pulses" if shaper.pulses else f"{len(shaper.times)} impulses and {len(shaper.terms)} decaying terms"
-    description = f"Shapes any reference by {parts} within {shaper.duration:.9g} s."
+    what = "Cancels a plant's poles and zeros in any reference" if is_filter else "Shapes any reference"
+    description = f"{what} by {parts} within {shaper.duration:.9g} s."
     plant = _plant(name, description, variables, signal, stop=10.0 * length, step=length / 200)
     plant = replace(plant, interfaces=("CoSimulation",), step_hook=True, outputs_before=True, memory="shaper.h", input_derivatives=1)
     return Block(plant, "shaper.c", _header(numbers, tables), ("shaper.h",))
@@ -157,11 +163,16 @@ def _plant(name: str, description: str, variables: Sequence[PlantVariable], sign
 
 def _header(numbers: Mapping[str, float], tables: Sequence[str]) -> str:
     lines = ["/* Generated: the numbers of a command or shaper, in SI units. */", "#ifndef CONSTANTS_H", "#define CONSTANTS_H", ""]
-    lines += [f"#define {name} {value!r}" for name, value in numbers.items()]
+    lines += [f"#define {name} {_literal(value)}" for name, value in numbers.items()]
     return "\n".join([*lines, "", *tables, "", "#endif", ""])
+
+
+def _literal(value: float) -> str:
+    """A number for C, which takes Python's shortest form but none of the names that other libraries print."""
+    return repr(value if isinstance(value, int) else float(value))
 
 
 def _table(kind: str, name: str, rows: Iterable[Sequence[float]]) -> str:
     # C knows no empty tables: one that is never looked at stands for none.
-    entries = ["    {" + ", ".join(map(repr, row)) + "}," for row in rows] or ["    {0},"]
+    entries = ["    {" + ", ".join(map(_literal, row)) + "}," for row in rows] or ["    {0},"]
     return "\n".join([f"static const {kind} {name}[] = {{", *entries, "};"])

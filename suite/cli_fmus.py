@@ -58,11 +58,11 @@ def fmus_build(names: tuple[str, ...], out: Path | None, as_json: bool) -> None:
 
 
 @fmus.command("export")
-@click.argument("source", metavar="COMMAND_OR_SHAPER", type=click.Path(path_type=Path))
+@click.argument("source", metavar="FILE", type=click.Path(path_type=Path))
 @click.option("--fmi", type=click.Choice(["2", "3", "both"]), help="FMI version; default: both, with --ssp the plant's.")
 @click.option("--out", type=click.Path(path_type=Path), help="File (.fmu, .ssp) or folder; default: the current folder.")
 @click.option("--name", help="The model's name; default: the file's.")
-@click.option("--output", metavar="NAME", help="Its output; default: u of a command, shaped of a shaper.")
+@click.option("--output", metavar="NAME", help="Its output; default: u of a command, else shaped.")
 @click.option("--unit", help="Unit of input and output; default: none, with --ssp the plant's.")
 @click.option("--rest", type=float, help="Where the input rests before; default: 0, with --ssp the start value of the plant's input.")
 @click.option("--linear", is_flag=True, help="A shaper reads its reference as a line over each step, not as held (its parameter `linear`).")
@@ -75,7 +75,7 @@ def fmus_build(names: tuple[str, ...], out: Path | None, as_json: bool) -> None:
 @AS_JSON
 @guarded
 def fmus_export(source: Path, as_json: bool, **options: Any) -> None:
-    """Write a command or shaper file as a co-simulation FMU with sources and libraries, to run it anywhere."""
+    """Write FILE, a command, shaper or pole-zero cancelling filter, as a co-simulation FMU with sources and libraries."""
     from suite.taking_away import Wanted, take_away
 
     if options["input"] and not options["plant"]:

@@ -35,7 +35,9 @@ class Bracketed:
     def to_dict(self) -> dict[str, object]:
         """The object of `bound --json` (docs/schemas.md)."""
         bound, rest = self.design.bound, float(self.study.plant.initial_input)
-        return bound_record(bound, bound.command, rest, None if self.certificate is None else str(self.certificate))
+        record = bound_record(bound, bound.command, rest, None if self.certificate is None else str(self.certificate))
+        made = self.design.cancelled
+        return record if made is None else {**record, "prefilter": {**made.to_dict(), "command": made.command.to_dict()}}
 
 
 def collect(paths: Sequence[Path]) -> list[Path]:

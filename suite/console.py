@@ -141,15 +141,24 @@ def show_bound(done: Bracketed) -> None:
     _show_bracket(console, done.to_dict())
     command = made.bound.command
     if command is not None and (made.bound.switches is not None or _short(command)):
-        table = Table("from, s", f"input, {escape(study.plant.input_unit or '–')}")
-        for segment in command.segments:
-            table.add_row(f"{segment.start:.10f}", f"{segment.level:.10g}")
-        table.add_row(f"{command.end:.10f}", escape(_tail(command.tail)))
-        console.print(table)
-    for note in dict.fromkeys((*study.notes, *made.plant.notes, *made.problem.notes)):
+        console.print(command_table(command, study.plant.input_unit))
+    if made.cancelled is not None:
+        console.print("through the filter:")
+        console.print(command_table(made.cancelled.command, study.plant.input_unit))
+    own = made.notes if made.cancelled is not None else ()
+    for note in dict.fromkeys((*study.notes, *own, *made.plant.notes, *made.problem.notes)):
         console.print(f"note: {escape(note)}", soft_wrap=True)
     if done.certificate is not None:
         console.print(f"certificate: {escape(str(done.certificate))}", soft_wrap=True)
+
+
+def command_table(command: Command, unit: str) -> Table:
+    """The levels of a command, and its tail as a formula."""
+    table = Table("from, s", f"input, {escape(unit or '–')}")
+    for segment in command.segments:
+        table.add_row(f"{segment.start:.10f}", f"{segment.level:.10g}")
+    table.add_row(f"{command.end:.10f}", escape(_tail(command.tail)))
+    return table
 
 
 def _short(command: Command) -> bool:

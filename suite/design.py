@@ -15,12 +15,16 @@ from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
 from relaxations.varying import resampled, varying_problem
+from suite.cancelled import Cancelled, cancelled
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.plants import box, nominal_plant
 from suite.shaped import Shaped, shaped
 from suite.starts import required_start
 from suite.study import Study
 from suite.varying import study_plant
+
+KEYS = {"file": "file", "shaper": "shaper", "pole-zero": "delays"}
+"""The key of [command] that a kind's command comes from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +41,7 @@ class Design:
     sampled: Bound | None = None
     step: float | None = None
     shaped: Shaped | None = None
+    cancelled: Cancelled | None = None
 
     @property
     def samples(self) -> int | None:
@@ -50,6 +55,8 @@ class Design:
         """What a reader should know about the command."""
         if self.shaped is not None and self.command is not None:
             return (self._told_of(self.shaped),)
+        if self.cancelled is not None and self.command is not None:
+            return (self._told_of_filter(self.cancelled),)
         if self.sampled is None or self.sampled.upper is None or self.bound.lower <= 0.0:
             return ()
         time, least = self.sampled.upper, round(self.sampled.lower / (self.step or 1.0))
@@ -73,6 +80,16 @@ class Design:
         return (
             f"The command is {what}, shaped ({how}); it takes {time:.9g} s{more}. It is measured; proven is what stands "
             "with its shaper, and the bracket, which is about the fastest of all commands."
+        )
+
+    def _told_of_filter(self, made: Cancelled) -> str:
+        """That the command is another one than the bracket's, but for the same task."""
+        count, time, lower = len(made.prefilter.delays) - 1, made.prefilter.duration, self.bound.lower
+        more = f", {time / lower - 1.0:.2%} more than the lower bound" if lower > 0.0 else ""
+        delays = f"{count} delay{'s' * (count > 1)}"
+        return (
+            f'The command is a step through a pole-zero cancelling filter of {delays}, form "{made.form}"; it takes {time:.9g} s{more}. '
+            "It is the shortest of its form that was found; proven is the bracket, of all commands within the limits."
         )
 
 
@@ -115,13 +132,17 @@ def design(study: Study) -> Design:
     bound = minimum_time(posed)
     asked = study.command.shaper
     made = None if asked is None or bound.status is Status.IMPOSSIBLE else shaped(study, asked, plant, posed)
-    command = made.command if made is not None else study.command.given or bound.command
+    filtered = None
+    if study.command.cancelling is not None and bound.status is not Status.IMPOSSIBLE:
+        filtered = cancelled(study, study.command.cancelling, plant, posed)
+    own = made or filtered
+    command = own.command if own is not None else study.command.given or bound.command
     if command is not None and study.command.start:
         if not command.segments:
             why = "the command is a tail alone, without a segment whose start could be shifted; leave it out"
             raise StudyError(str(study.file), [Mistake("command.start", study.command.start, why)])
         command = command.shifted(float(study.command.start))
-    return Design(plant, posed, bound, command, shaped=made)
+    return Design(plant, posed, bound, command, shaped=made, cancelled=filtered)
 
 
 def grid_step(study: Study) -> float | None:
@@ -152,7 +173,7 @@ def on_grid(study: Study, made: Design) -> Design:
         if samples.denominator != 1:
             why = f"is no multiple of the FMU's communication step, {step!r} s, and it takes steps of that size only"
             raise StudyError(str(study.file), [Mistake("limits.sample_time", asked, why)])
-    given = study.command.kind in ("file", "shaper")
+    given = study.command.kind in ("file", "shaper", "pole-zero")
     try:
         if study.command.start:
             require_multiples([float(study.command.start)], step)
@@ -160,7 +181,7 @@ def on_grid(study: Study, made: Design) -> Design:
             require_multiples(made.command.breakpoints, step)
             return made
     except FmuError as trouble:
-        place = f"command.{study.command.kind}" if given else "command.start"
+        place = f"command.{KEYS[study.command.kind]}" if given else "command.start"
         why = f"the FMU takes communication steps of one size only, but {trouble}"
         raise StudyError(str(study.file), [Mistake(place, ABSENT, why)]) from None
     try:

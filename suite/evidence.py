@@ -93,6 +93,7 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         "bound": bound,
         "command": None if design.command is None else design.command.to_dict(),
         "shaper": None if design.shaped is None else _shaper(design.shaped),
+        **({} if design.cancelled is None else {"prefilter": design.cancelled.to_dict()}),
         "simulation": None if not runs else runs[0].simulation,
         "grid": None if design.sampled is None else _grid(design, design.sampled),
         "confinement": _confinement(study),

@@ -170,6 +170,10 @@ class Command(Section):
     follow: Follow | None = None
     delays: Count | None = None
     form: Text | None = None
+    gains: Interval | None = None
+    monotone: StrictBool | None = None
+    instants: Numbers | None = None
+    zeros: Annotated[tuple[Annotated[Text, AfterValidator(values.zero_listed)], ...], BeforeValidator(values.items)] | None = None
     type: ProfileType | None = None
     alpha: NonNegative | None = None
     file: Text | None = None

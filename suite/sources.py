@@ -1,4 +1,4 @@
-"""Command and shaper files, read in one place by all that takes them: `simulate`, studies, `fmus export`, given impulses."""
+"""Command, shaper and filter files, read in one place by all that takes them: `simulate`, studies, `fmus export`, given impulses."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from relaxations import commands
+from relaxations.cancelling import prefilters
+from relaxations.cancelling.prefilters import Prefilter
 from relaxations.commands import Command
 from relaxations.errors import RelaxationsError
 from relaxations.shaping import shapers
@@ -24,7 +26,8 @@ def _lines(data: Mapping[str, object]) -> Command:
     return Spline.from_dict(data).lines()
 
 
-READERS = {commands.FORMAT: Command.from_dict, shapers.FORMAT: Shaper.from_dict, SPLINE: _lines}
+READERS = {commands.FORMAT: Command.from_dict, shapers.FORMAT: Shaper.from_dict, prefilters.FORMAT: Prefilter.from_dict, SPLINE: _lines}
+NAMES = {commands.FORMAT: "command", shapers.FORMAT: "shaper", prefilters.FORMAT: "filter"}
 
 
 class SourceError(SuiteError):
@@ -48,9 +51,9 @@ def read_json(path: Path, what: str) -> Any:
     return data
 
 
-def read_command_or_shaper(path: Path, formats: tuple[str, ...] = (commands.FORMAT, shapers.FORMAT)) -> Command | Shaper:
+def read_any(path: Path, formats: tuple[str, ...] = tuple(NAMES)) -> Command | Shaper | Prefilter:
     """A file of one of the `formats`; of a spline lines. Raises `SourceError`, `OSError`."""
-    what = " or ".join({commands.FORMAT: "command", shapers.FORMAT: "shaper"}[name] for name in formats) + " file"
+    what = ", ".join(NAMES[name] for name in formats[:-1]) + (" or " if formats[1:] else "") + NAMES[formats[-1]] + " file"
     data = read_json(path, what)
     found = data.get("format") if isinstance(data, Mapping) else None
     if not isinstance(found, str) or not (found in formats or (found == SPLINE and commands.FORMAT in formats)):
@@ -66,13 +69,13 @@ def read_command_or_shaper(path: Path, formats: tuple[str, ...] = (commands.FORM
 
 def read_command(path: Path) -> Command:
     """A command file, or what `slewcert bound --json` printed. Raises `SourceError`, `OSError`."""
-    found = read_command_or_shaper(path, (commands.FORMAT,))
+    found = read_any(path, (commands.FORMAT,))
     assert isinstance(found, Command)
     return found
 
 
 def read_shaper(path: Path) -> Shaper:
     """A shaper file. Raises `SourceError`, `OSError`."""
-    found = read_command_or_shaper(path, (shapers.FORMAT,))
+    found = read_any(path, (shapers.FORMAT,))
     assert isinstance(found, Shaper)
     return found

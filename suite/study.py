@@ -180,16 +180,33 @@ class ShaperRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class CancellingRequest:
+    """A pole-zero cancelling filter of a form with so many delays (`relaxations.cancelling`), in front of the plant.
+
+    `gains` bound its steps for this displacement (input units); `zeros` are the numbers of the plant's zeros that it cancels (None: all
+    left of the imaginary axis). `instants` [s] are the delays, where they are given; with a `sample_time` [s] they are whole samples.
+    """
+
+    delays: int
+    form: str
+    gains: tuple[float, float] | None = None
+    monotone: bool = False
+    zeros: tuple[int, ...] | None = None
+    instants: tuple[float, ...] | None = None
+    sample_time: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class CommandRequest:
-    """What command is asked for: the fastest one with `robustness` further zeros at each flexible mode, the one that a `shaper` makes, or
-    the one in `file` (`given`).
+    """What command is asked for: the fastest one with `robustness` further zeros at each flexible mode, the one that a `shaper` or
+    a filter that is `cancelling` poles and zeros makes, or the one in `file` (`given`).
 
     `robustness` may count them mode by mode (`{"mode[2]": 1, "real[1]": 1}`), or be "box": every plant of the box may keep a residual of
     `tolerance`, a fraction of the displacement, and come to rest up to `final_tolerance` of it from the target (None: anywhere). With
     `tail` only the output has to rest. The command begins `start` seconds after the beginning of a run.
     """
 
-    kind: Literal["time-optimal", "shaper", "file"] = "time-optimal"
+    kind: Literal["time-optimal", "shaper", "pole-zero", "file"] = "time-optimal"
     robustness: int | Mapping[str, int] | Literal["box"] = 0
     tail: bool = False
     tolerance: Decimal | None = None
@@ -198,6 +215,7 @@ class CommandRequest:
     file: Path | None = None
     given: Command | None = None
     shaper: ShaperRequest | None = None
+    cancelling: CancellingRequest | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ from suite.quantity_names import Quantity, UnitKind, parse_quantity
 from suite.starts import mistakes as start_mistakes
 from suite.starts import run_mistakes
 from suite.study import GRID, CommandRequest, Limits, Maneuver, Plant, Requirement, Simulation, Study, Uncertainty
+from suite.study_cancelling import understand_cancelling
 from suite.study_file import printable
 from suite.study_plant import PlantNames, description, understand_plant
 from suite.study_rules import contradictions, unsupported
@@ -191,6 +192,10 @@ def _command(written: schema.Command, folder: Path, names: PlantNames | None, mi
     if written.kind == "shaper":
         shaper = understand_shaper(written, folder, names, mistakes)
         return None if shaper is None else CommandRequest("shaper", start=start, shaper=shaper)
+    if written.kind == "pole-zero":
+        filtered = understand_cancelling(written, mistakes)
+        with_tail = written.tail is not False
+        return filtered and CommandRequest("pole-zero", written.robustness or 0, with_tail, start=start, cancelling=filtered)
     tolerance, final = (written.tolerance, written.final_tolerance) if written.robustness == "box" else (None, None)
     return CommandRequest("time-optimal", written.robustness or 0, bool(written.tail), tolerance, final, start)
 
@@ -338,7 +343,7 @@ def _notes(command: schema.Command | None, axes: Iterable[Uncertainty | None]) -
         for axis in axes
         if axis is not None and axis.moves_a_root
     ]
-    if command.kind == "shaper":
+    if command.kind in ("shaper", "pole-zero"):
         return unused
     return unused + [
         f'command.{key} changes nothing here: it belongs to robustness = "box", and this command brings the nominal plant exactly to rest'

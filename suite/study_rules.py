@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -19,7 +20,7 @@ def _one_of(*refused: str) -> Callable[[object], bool]:
 
 UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     # Path: for which values it is refused, and what is possible instead. A key leaves this table when this version honours it.
-    "command.kind": (_one_of("fuel-efficient", "pole-zero"), '"time-optimal", "shaper" and "file" are supported'),
+    "command.kind": (_one_of("fuel-efficient"), '"time-optimal", "shaper", "pole-zero" and "file" are supported'),
     "command.type": (_given, "profiles of every type are searched"),
     "command.alpha": (_given, "fuel has no price"),
     "uncertainty.distribution": (_given, "range is supported"),
@@ -37,7 +38,7 @@ BELONGS: dict[str, tuple[str, ...]] = {
     "damping": ("shaper",),
     "negative": ("shaper",),
     "sums": ("shaper",),
-    "sample_time": ("shaper",),
+    "sample_time": ("shaper", "pole-zero"),
     "simultaneous": ("shaper",),
     "pulse": ("shaper",),
     "height": ("shaper",),
@@ -46,11 +47,15 @@ BELONGS: dict[str, tuple[str, ...]] = {
     "follow": ("shaper",),
     "delays": ("pole-zero",),
     "form": ("pole-zero",),
+    "gains": ("pole-zero",),
+    "monotone": ("pole-zero",),
+    "instants": ("pole-zero",),
+    "zeros": ("pole-zero",),
     "file": ("file",),
     "type": ("time-optimal", "fuel-efficient"),
     "alpha": ("time-optimal", "fuel-efficient"),
     "robustness": ("time-optimal", "fuel-efficient", "pole-zero"),
-    "tolerance": ("time-optimal", "fuel-efficient", "pole-zero", "shaper"),
+    "tolerance": ("time-optimal", "fuel-efficient", "shaper"),
     "final_tolerance": ("time-optimal", "fuel-efficient"),
     "tail": ("time-optimal", "fuel-efficient", "pole-zero"),
 }
@@ -101,6 +106,8 @@ def contradictions(study: schema.Written) -> Iterator[Mistake]:
             )
         if study.command.robustness == "box" and study.command.tail:
             yield Mistake("command.tail", True, 'contradicts robustness = "box": a tail hides in the zeros of one plant only')
+        if study.command.kind == "pole-zero":
+            yield from _cancelling(study.command, study.limits)
     for i, axis in enumerate(study.uncertainty, 1):
         if axis:
             yield from _axis(axis, f"uncertainty[{i}]")
@@ -168,6 +175,25 @@ def _command(command: schema.Command) -> Iterator[Mistake]:
     for key in NEEDS.get(command.kind, ()):
         if getattr(command, key) is None:
             yield Mistake(f"command.{key}", ABSENT, f'is missing; kind = "{command.kind}" needs it')
+
+
+def _cancelling(command: schema.Command, limits: schema.Limits | None) -> Iterator[Mistake]:
+    why = 'contradicts kind = "pole-zero"'
+    if command.robustness == "box":
+        yield Mistake("command.robustness", "box", f"{why}: valid are further zeros, 0, 1, 2 … or a table of them by mode")
+    if command.tail is False and command.zeros:
+        yield Mistake("command.zeros", list(command.zeros), "contradicts tail = false: without a tail no zero is cancelled")
+    if command.instants is not None and command.sample_time is not None:
+        yield Mistake("command.sample_time", command.sample_time, "contradicts instants: the delays are given, or chosen from samples")
+    if command.instants is not None and command.delays not in (None, len(command.instants)):
+        yield Mistake("command.instants", list(command.instants), f"must be as many as the delays, {command.delays}")
+    if command.instants is not None and any(b <= a for a, b in itertools.pairwise((0, *command.instants))):
+        yield Mistake("command.instants", list(command.instants), "must ascend from more than 0 [s]")
+    if limits is not None and limits.rate is not None:
+        yield Mistake("limits.rate", list(limits.rate), f"{why}: its steps are no slopes")
+    if limits is not None and (limits.pulse_width is not None or limits.pulses is not None):
+        key = "pulse_width" if limits.pulse_width is not None else "pulses"
+        yield Mistake(f"limits.{key}", getattr(limits, key), f"{why}: its steps have any height")
 
 
 def _axis(axis: schema.Uncertainty, place: str) -> Iterator[Mistake]:

@@ -162,6 +162,8 @@ PLACES: dict[str, Finder] = {
     "limits.tail_length.time": _second,
     "limits.tail_length.within": _one,
     "command.start": _second,
+    "command.instants": _second,
+    "command.gains": lambda u, table, key: u.of(u.plant.get("input")),
     "command.tolerance": _one,
     "command.final_tolerance": _one,
     "simulation.step": _second,

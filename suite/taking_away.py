@@ -1,4 +1,4 @@
-"""`slewcert fmus export`: a command or shaper file becomes an FMU, or with a plant an SSP, that any importer runs."""
+"""`slewcert fmus export`: a command, shaper or filter file becomes an FMU, or with a plant an SSP, that any importer runs."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from fmus.descriptions import Variable
 from fmus.exporting import Exported, export, targets
 from fmus.packing import write
 from fmus.systems import plant_input, signal_for, system
+from relaxations.cancelling.prefilters import Prefilter
 from relaxations.commands import Command
 from relaxations.shaping.shapers import Shaper
 from suite.errors import SuiteError
-from suite.sources import read_command_or_shaper
+from suite.sources import NAMES, read_any
 from suite.suggestions import did_you_mean
 from suite.units import UnitError, convert, named, of_fmu
 
@@ -46,7 +47,7 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What was written: the kind ("command" or "shaper"), the model's name, and of each file its path, FMI version and platforms."""
+    """What was written: "command", "shaper" or "filter", the model's name, and of each file its path, FMI version and platforms."""
 
     kind: str
     name: str
@@ -62,14 +63,14 @@ class Taken:
 def take_away(source: Path, wanted: Wanted) -> Taken:
     """Write what is in `source` as `wanted`; nothing is written before all of it is made.
 
-    Raises `SuiteError`, `FmuError` or `RelaxationsError`: the file is neither command nor shaper, a path exists, no compiler …
+    Raises `SuiteError`, `FmuError` or `RelaxationsError`: the file is none of these, a path exists, no compiler …
     """
-    content = read_command_or_shaper(source)
-    kind = "command" if isinstance(content, Command) else "shaper"
+    content = read_any(source)
+    kind = NAMES[content.to_dict()["format"]]
     if kind == "command" and (wanted.linear or wanted.history is not None):
         option = "--linear" if wanted.linear else "--history"
         raise SuiteError(f"{option} is for shapers, which read a reference; {source} is a command, which reads nothing")
-    name = wanted.name or model_name(source.stem.removesuffix(".command").removesuffix(".shaper"))
+    name = wanted.name or model_name(source.stem.removesuffix(".command").removesuffix(".shaper").removesuffix(".filter"))
     plant = open_archive(plant_path(wanted.plant, wanted.fmi)) if wanted.plant else None
     versions = _versions(wanted.fmi, plant)
     paths = _paths(wanted.out, name, versions, "ssp" if plant else "fmu")
@@ -128,7 +129,7 @@ def _paths(out: Path | None, name: str, versions: Sequence[FmiVersion], kind: st
     return [folder / (f"{name}.ssp" if kind == "ssp" else f"{name}.fmi{version[0]}.fmu") for version in versions]
 
 
-def _block(content: Command | Shaper, name: str, wanted: Wanted, plant: Fmu | None, driven: Variable | None) -> Block:
+def _block(content: Command | Shaper | Prefilter, name: str, wanted: Wanted, plant: Fmu | None, driven: Variable | None) -> Block:
     default = "u" if isinstance(content, Command) else "shaped"
     fitting = signal_for(plant.description, driven, default) if plant and driven else Signal(default)
     signal = replace(fitting, name=wanted.output or default, rest=fitting.rest if wanted.rest is None else wanted.rest)

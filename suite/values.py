@@ -226,6 +226,13 @@ def zero_name(value: str) -> str:
     return value
 
 
+def zero_listed(value: str) -> str:
+    """The name of a zero in a list."""
+    if not re.fullmatch(r"zero\[[1-9]\d{0,2}\]", value):
+        raise ValueError('names a zero of the plant, such as "zero[1]"')
+    return value
+
+
 def fraction(value: Decimal) -> Decimal:
     """Between 0 and 1, both excluded."""
     if not 0 < value < 1:

@@ -29,3 +29,13 @@ def test_every_claim_has_a_verdict() -> None:
         assert headings.split()[-1] == "verdict"
         assert rows
         assert [row for row in rows if not re.search(r"  (reproduced|corrected|not reproduced)$", row)] == []
+
+
+@pytest.mark.slow
+def test_the_pole_zero_figures_are_those_that_their_script_draws(tmp_path: Path) -> None:
+    """Words and numbers of them: the last digits of the curves are the machine's."""
+    subprocess.run([sys.executable, ROOT / "docs" / "pole_zero_figures.py", tmp_path], check=True, capture_output=True)
+    drawn, shown = ({path.name: path.read_text() for path in folder.glob("*.svg")} for folder in (tmp_path, ROOT / "docs" / "pole_zero"))
+    assert drawn.keys() == shown.keys()
+    words = [{name: re.findall(r"<text[^>]*>([^<]*)</text>", svg) for name, svg in each.items()} for each in (drawn, shown)]
+    assert words[0] == words[1]

@@ -151,12 +151,15 @@ def test_the_varying_shaper_leaves_less_than_the_one_for_where_it_began():
     assert swing(VaryingStream(schedule, step)(move)) < 0.5 * swing(Stream(derivative_shaper(modes[0]), step)(move))
 
 
+DECAYING = Shaper((0.0,), (0.5,), (ShaperTerm(0.0, -1 + 0j, 0, 0.5 + 0j),))
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
         (lambda: Stream(derivative_shaper(MODE), 0.0), ["0.0", "positive"]),
         (lambda: VaryingStream(falling(), math.nan), ["nan"]),
-        (lambda: Stream(Shaper((0.0,), (0.5,), (ShaperTerm(0.0, -1 + 0j, 0, 0.5 + 0j),)), 0.1), ["FMU"]),
+        (lambda: VaryingStream(Schedule((0.0,), (DECAYING,)), 0.1), ["FMU"]),
         (lambda: Schedule((0.0, 0.0), (derivative_shaper(MODE), derivative_shaper(MODE, 1))), ["ascend"]),
         (lambda: Schedule((0.0, math.nan), (derivative_shaper(MODE), derivative_shaper(MODE))), ["ascend", "nan"]),
         (lambda: Stream(derivative_shaper(MODE), 0.1)(1.0), ["shape (n,)", "()"]),

@@ -149,10 +149,13 @@ def test_a_file_is_replaced_only_if_asked(files: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["text.json"], ["text.json is no command or shaper file", "Expecting value"]),
+        (["text.json"], ["text.json is no command, shaper or filter file", "Expecting value"]),
         (["absent.json"], ["absent.json: No such file"]),
-        (["."], ["is a folder, not a command or shaper file"]),
-        (["study.json"], ["its \"format\" is 'slewcert-results/1', not 'slewcert-command/1' or 'slewcert-shaper/1'"]),
+        (["."], ["is a folder, not a command, shaper or filter file"]),
+        (
+            ["study.json"],
+            ["its \"format\" is 'slewcert-results/1', not 'slewcert-command/1' or 'slewcert-shaper/1' or 'slewcert-prefilter/1'"],
+        ),
         (["impossible.json"], ["the answer of a study without a command"]),
         (["lame.json"], ["amplitudes sum to 1, not to 0.9"]),
         (["zv.json", "--out", "x.fmu"], ["choose with --fmi 2 or --fmi 3, or name a folder"]),

@@ -1,6 +1,7 @@
 /* A shaper as a block: shaped = reference * (impulses + decaying terms, or pulses), in real time. The numbers stand in constants.h.
  *
- * All of it is linear, so it works in deviations of the reference from its value at rest, which it had for all time before the start.
+ * All of it is linear, so it works in deviations of the reference from its value at rest, which it had for all time before the start. At rest
+ * the output is GAIN times the reference: 1 of a shaper; a filter that cancels poles and zeros makes an input of a reference.
  *
  * The reference is known at communication points only. Between them it is read as held (the value given for a step lasts until its end; in
  * FMI 2.0 its first derivative is honoured) or, with `linear`, as a straight line that begins where the last step ended and reaches the given
@@ -159,7 +160,7 @@ void plant_outputs(Plant *p) {
             const int i = FILTER[f].first + j;
             sum += COEFFICIENT[i].real * p->memory.states[i].real - COEFFICIENT[i].imaginary * p->memory.states[i].imaginary;
         }
-    p->value[PLANT_FIRST_OUTPUT] = p->rest + sum;
+    p->value[PLANT_FIRST_OUTPUT] = GAIN * p->rest + sum;
 }
 
 /* A jump of the held reference comes out again at every impulse's time. */

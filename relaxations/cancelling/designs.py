@@ -29,7 +29,9 @@ GRID = {1: 2000, 2: 140}  # delays on a side
 DRAWS = 1 << 13  # of more delays
 STARTS, TRIES = 400, 24  # of Newton's method, and of the minimisation
 APART = 1e-6  # of the duration: delays closer than this are one
-SLACK = 1e-9  # of the bounds' size
+SLACK = 1e-9  # of the gains' size: closer to 0 is 0
+MARGIN = 1e-9  # of the bounds' size: what is minimised stays so far inside, and is then moved onto the bounds it has reached
+ROUNDED = 1e-13  # of the size of what is summed: how far beyond a bound rounding may take it
 SOLVED = 1e-11  # of the equations' size
 STEPS = 40
 UNBOUNDED = (
@@ -109,10 +111,11 @@ def solved_at(structure: Structure, delays: Reals) -> Found | None:
     solved = linprog(
         np.concatenate([np.zeros(parts), cost]),
         A_ub=more,
-        b_ub=np.concatenate([-sides, np.zeros(2 * parts)]),
+        b_ub=np.concatenate([-_inside(sides), np.zeros(2 * parts)]),
         A_eq=np.hstack([table, np.zeros_like(table)]),
         b_eq=aim,
         bounds=[(None, None)] * parts + [(0.0, None)] * parts,
+        options={"primal_feasibility_tolerance": 1e-10},
     )
     if solved.x is None or solved.status != 0:
         return None
@@ -123,7 +126,7 @@ def solved_at(structure: Structure, delays: Reals) -> Found | None:
     unknowns[used] += np.linalg.pinv(table[:, used]) @ (aim - table @ unknowns)
     found = Found(delays, unknowns)
     right = structure.conditions.error(structure.parts, delays, unknowns) <= SOLVED
-    return found if right and _kept(structure, found, 1e-7) else None
+    return found if right and _kept(structure, found) else None
 
 
 def natural_time(structure: Structure) -> float:
@@ -251,12 +254,20 @@ def _checked(structure: Structure, tau: Reals, x: Reals) -> Found | None:
     return Found(tau, x) if structure.conditions.error(structure.parts, tau, x) <= SOLVED else None
 
 
-def _kept(structure: Structure, found: Found, slack: float = SLACK) -> bool:
+def _kept(structure: Structure, found: Found) -> bool:
+    """Whether the bounds are kept to rounding; steps that are not to be negative to what counts as 0."""
     if not structure.bounds:
         return True
     rows, sides = structure.limits(found.delays)
-    size = np.abs(sides) + np.abs(rows) @ np.abs(found.unknowns) + np.abs(found.unknowns).max()
-    return bool((rows @ found.unknowns >= sides - slack * size).all())
+    allowed = np.where(sides == 0.0, SLACK, ROUNDED) * (
+        np.abs(sides) + np.abs(rows) @ np.abs(found.unknowns) + np.abs(found.unknowns).max()
+    )
+    return bool((rows @ found.unknowns >= sides - allowed).all())
+
+
+def _inside(sides: Reals) -> Reals:
+    """The bounds a little tighter; not those at 0, which steps may be on."""
+    return sides + MARGIN * np.abs(sides)
 
 
 def _minimised(structure: Structure, horizon: float, starts: Iterable[tuple[Reals, Reals]]) -> Iterator[Found]:
@@ -277,7 +288,7 @@ def _minimised(structure: Structure, horizon: float, starts: Iterable[tuple[Real
     def room(v: Reals) -> Reals:
         tau, x = split(v)
         rows, sides = structure.limits(tau)
-        return rows @ x - sides
+        return rows @ x - _inside(sides)
 
     def bends(v: Reals) -> Reals:
         tau, x = split(v)
@@ -304,21 +315,21 @@ def _minimised(structure: Structure, horizon: float, starts: Iterable[tuple[Real
         ):
             continue
         reached = np.flatnonzero(room(solved.x) <= 1e-7 * (1.0 + abs(conditions.target)))
-        found = _newton(structure, tau, x, _independent(structure, tau, reached)) or _newton(structure, tau, x, reached[:0])
+        found = _newton(structure, tau, x, _independent(structure, tau, x, reached)) or _newton(structure, tau, x, reached[:0])
         if found is not None and found.duration <= tau[-1] * (1 + 1e-5):
             yield found
 
 
-def _independent(structure: Structure, tau: Reals, reached: NDArray[np.intp]) -> NDArray[np.intp]:
+def _independent(structure: Structure, tau: Reals, x: Reals, reached: NDArray[np.intp]) -> NDArray[np.intp]:
     """Of the bounds that are reached as many as the unknowns leave room for, each in another direction."""
-    rows, chosen = structure.limits(tau)[0], []
-    basis = structure.conditions.table(structure.parts, tau)
+    rows, bends, chosen = structure.limits(tau)[0], structure.bends(tau, x), []
+    basis, rank = _linearised(structure, tau, x)[0], structure.conditions.size
     for index in reached:
         if len(chosen) == structure.freedom:
             break
-        more = np.vstack([basis, rows[index]])
-        if np.linalg.matrix_rank(more) > np.linalg.matrix_rank(basis) or len(chosen) + len(basis) < more.shape[1]:
-            basis = more
+        more = np.vstack([basis, np.append(bends[index], rows[index])])
+        if np.linalg.matrix_rank(more / np.linalg.norm(more, axis=1, keepdims=True), tol=1e-8) > rank:
+            basis, rank = more, rank + 1
             chosen.append(index)
     return np.array(chosen, dtype=np.intp)
 

@@ -2,6 +2,7 @@
 
     y(t_n) = Σ_i A_i r(t_n - t_i),   t_n = nh,   r linear between samples and `rest` before the first
 
+Decaying terms (relaxations.shaping.decays) are exact wherever they begin.
 A shaper whose instants are multiples of the sample time (relaxations.shaping.sampled) is applied exactly; of others each impulse becomes
 two neighbouring ones, which keeps its sum and its centre and changes its phasor by the order of (ωh)²/8 of it.
 A varying shaper reads A_i and t_i from a schedule at t_n: they and r are continuous, and so is the output.
@@ -17,8 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from relaxations.errors import ShaperError
+from relaxations.shaping.decays import Decay
 from relaxations.shaping.modes import Mode
-from relaxations.shaping.shapers import Shaper
+from relaxations.shaping.shapers import Convolvable, Shaper
 
 Reals = NDArray[np.float64]
 
@@ -28,17 +30,19 @@ ON_THE_GRID = 1e-9  # of a sample: instants that differ so little are multiples 
 class Stream:
     """A shaper as a running filter of samples, `sample_time` [s] apart; `rest` is the reference before the first one.
 
-    Raises `ShaperError` for a time that is not positive, and for a shaper with decaying terms (those run as an FMU).
+    Also of a filter of any static gain (`relaxations.cancelling.prefilters`). Raises `ShaperError` for a time that is not positive.
     """
 
-    def __init__(self, shaper: Shaper, sample_time: float, rest: float = 0.0) -> None:
-        _require([shaper], sample_time)
+    def __init__(self, shaper: Convolvable, sample_time: float, rest: float = 0.0) -> None:
+        _require(sample_time)
         taps: dict[int, float] = {}
         for delay, weight in _taps(shaper, sample_time):
             if weight:
                 taps[delay] = taps.get(delay, 0.0) + weight
         self.taps = tuple(sorted(taps.items()))
-        self._memory = np.full(self.taps[-1][0], float(rest))
+        self._decays = [Decay(term, sample_time, *_split(term.start / sample_time), rest) for term in shaper.terms]
+        last = max([0, *taps, *(decay.delay + 1 for decay in self._decays)])
+        self._memory = np.full(last, float(rest))
 
     def __call__(self, block: ArrayLike) -> Reals:
         """The shaped samples (n,) of the next samples (n,) of the reference; n may be 0.
@@ -52,6 +56,9 @@ class Stream:
         for delay, weight in self.taps:
             np.multiply(known[past - delay : past - delay + count], weight, out=part)
             shaped += part
+        for decay in self._decays:
+            now, before = (known[past - back : past - back + count] for back in (decay.delay, decay.delay + 1))
+            shaped += decay(now, before)
         self._memory = known[count:]
         return shaped
 
@@ -98,7 +105,9 @@ class VaryingStream:
     """A filter as `Stream` is, whose shaper follows a schedule; time begins with the first sample."""
 
     def __init__(self, schedule: Schedule, sample_time: float, rest: float = 0.0) -> None:
-        _require(schedule.shapers, sample_time)
+        _require(sample_time)
+        if any(shaper.terms for shaper in schedule.shapers):
+            raise ShaperError("a schedule on a stream is made of impulses; a shaper with decaying terms runs as an FMU")
         self._schedule, self._step, self._count = schedule, sample_time, 0
         self._memory = np.full(math.ceil(max(s.duration for s in schedule.shapers) / sample_time) + 1, float(rest))
 
@@ -134,7 +143,7 @@ def _samples(block: ArrayLike) -> Reals:
     return fresh
 
 
-def _taps(shaper: Shaper, sample_time: float) -> Iterator[tuple[int, float]]:
+def _taps(shaper: Convolvable, sample_time: float) -> Iterator[tuple[int, float]]:
     """Whole samples of delay and weights; a pulse's are its integrals with the hats that make lines of samples."""
     for time, amplitude in zip(shaper.times, shaper.amplitudes, strict=True):
         whole, part = _split(time / sample_time)
@@ -158,8 +167,6 @@ def _split(delay: float) -> tuple[int, float]:
     return math.floor(delay), delay - math.floor(delay)
 
 
-def _require(shapers: Sequence[Shaper], sample_time: float) -> None:
+def _require(sample_time: float) -> None:
     if not 0.0 < sample_time < math.inf:
         raise ShaperError(f"a sample time is positive and finite, not {sample_time!r} s")
-    if any(shaper.terms for shaper in shapers):
-        raise ShaperError("a stream takes impulses and pulses; a shaper with decaying terms runs as an FMU (slewcert fmus export)")
