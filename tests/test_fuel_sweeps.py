@@ -194,7 +194,7 @@ def test_pictures_and_page_show_what_was_found(found: tuple[dict[str, Any], Path
 
 
 def test_text_names_choices_and_says_how_a_point_becomes_a_study(tmp_path: Path) -> None:
-    result = run(study_file(tmp_path), "--from", 4, "--to", 5, "--points", 2, "--kind", "ZV")
+    result = run(study_file(tmp_path), "--from", 4, "--to", 5, "--points", 2, "--kind", "ZV", "--out", tmp_path)
     assert result.exit_code == 0
     assert "ZV, 4.502 input·s: node 1: one pulse either way (exactly 4.5015815808 input·s, 6.6936737286 s)" in result.stdout
     assert "of type 1 up to 4 input·s, of type 2 from 4.502 input·s on" in result.stdout
@@ -231,7 +231,7 @@ def test_too_little_fuel_is_proven_and_the_least_is_named(tmp_path: Path) -> Non
     assert [p["status"] for p in record["points"]][0::2] == ["impossible", "proved"]
     assert record["least_fuel"] == pytest.approx(1.0, rel=1e-6)
     assert record["least_fuel"] <= 1.0
-    text = run(file, "--from", 0.9, "--to", 1.1, "--points", 2).stdout
+    text = run(file, "--from", 0.9, "--to", 1.1, "--points", 2, "--out", tmp_path).stdout
     assert "0.9 input·s and less is too little, proven: every command needs 1 input·s or more" in text
 
 
@@ -324,6 +324,15 @@ def test_knees_are_where_less_fuel_suddenly_costs_more() -> None:
     assert rigid.knees == ()  # it bends the more the less fuel there is
     bent = curve_of([(u, 20 / u + u / 2 + 2 * max(3.0 - u, 0.0) ** 0.5) for u in fuels])
     assert [float(knee.fuel) for knee in bent.knees] == [3.0]
+    many = curve_of([(u, 20 / u + u / 2 + sum(2 * max(at - u, 0.0) ** 0.5 for at in (1.5, 2.0, 2.5, 3.0, 3.5, 4.0))) for u in fuels])
+    assert len(many.knees) == 4  # the clearest ones, from more fuel to less
+    assert all(a.fuel > b.fuel for a, b in pairwise(many.knees))
+
+
+def test_without_a_word_the_pictures_go_to_a_folder_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(study_file(tmp_path, LAG, displacement="1.0"), "--from", 1.1, "--to", 1.2, "--points", 2).exit_code == 0
+    assert {path.name for path in (tmp_path / "study-fuel").iterdir()} == {"fuel.html", "fuel.json", "slew-time.svg", "switches-rb.svg"}
 
 
 @pytest.mark.parametrize("seed", range(5))
