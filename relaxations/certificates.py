@@ -27,6 +27,7 @@ Number = Fraction | float
 Numbers = Sequence[Number] | NDArray[np.float64]
 
 FORMAT = "slewcert-certificate/1"
+HELD = {0: None, 1: "positive, then negative", -1: "negative, then positive"}
 LONGEST_DECIMAL = 60  # digits; longer exact numbers are written as p/q
 
 
@@ -74,6 +75,7 @@ def task(problem: Problem) -> dict[str, Any]:
             "fuel": None if maneuver.limits.fuel is None else text(maneuver.limits.fuel),
             "pulse_width": None if maneuver.limits.pulse_width is None else text(maneuver.limits.pulse_width),
             "pulses": maneuver.limits.pulses,
+            "held": HELD[maneuver.limits.held],
             "sample_time": None if maneuver.sample_time is None else text(maneuver.sample_time),
             "tail_length": length and {"time": text(length[0]), "within": text(length[1])},
             "zero_sensitivity": {
@@ -159,6 +161,7 @@ def costate_witness(
     presses = [one for place, one in pressed if place is None]
     rates = [{"edges": [text(x) for x in ramp.edges], "levels": [text(x) for x in ramp.levels]} for ramp in prices.ramps]
     others = {"fuel": text(prices.fuel), "deflection": presses, "ramps": rates, "steps": [text(x) for x in prices.steps]}
+    others["changes"] = []
     after = [{"output": name, "time": text(at), "upper": text(up), "lower": text(down)} for name, at, up, down in prices.after]
     others["after"] = after
     residuals = problem.residuals
@@ -181,6 +184,13 @@ def costate_witness(
         if place is not None:
             at_place(place)["deflection"].append(one)
     return {"costate": plants or [[]], "tail": [], "samples": list(found.values()), **others}
+
+
+def changes_witness(problem: Problem, nodes: Sequence[tuple[Number, Numbers, Number]]) -> dict[str, Any]:
+    """The lower side's witness of inputs of a form: (time to go of the change of sign [s], costate, price of the fuel) of every node."""
+    nothing = costate_witness(problem, [0.0] * problem.size)
+    written = [(at, costate_witness(problem, costate, prices=Prices(price))) for at, costate, price in nodes]
+    return {**nothing, "changes": [{"at": text(at), "costate": one["costate"], "fuel": one["fuel"]} for at, one in written]}
 
 
 def place_witness(problem: Problem, place: Place) -> dict[str, Any]:

@@ -14,7 +14,8 @@ from relaxations.plants import Exact, exact
 class Limits:
     """Limits `lower ≤ u(t) ≤ upper`, absolute, input units, exact; where given, `∫_0^T |u - u_0| dt ≤ fuel` (input units · s), and by how
     much each of these named outputs may leave its first rest value, ever (output units). With a `rate` the input is continuous, its slope
-    within these two (input units per second)."""
+    within these two (input units per second). `held` = ±1 holds a form: on this side of the rest (or at it) until some instant of the move,
+    on the other side (or at it) from then on."""
 
     lower: Fraction
     upper: Fraction
@@ -23,6 +24,7 @@ class Limits:
     pulses: int | None = None
     deflection: Mapping[str, Fraction] = field(default_factory=dict)
     rate: tuple[Fraction, Fraction] | None = None
+    held: int = 0
 
     @property
     def pulsed(self) -> bool:

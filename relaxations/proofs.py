@@ -40,6 +40,7 @@ from relaxations.degenerate import beneath, settled
 from relaxations.duality import Costate
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
+from relaxations.onoff.held import held_time
 from relaxations.polishing import Polished, polish
 from relaxations.prices import Prices
 from relaxations.refinement import Extremal, outline
@@ -82,6 +83,8 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         if check(content).outcome is Outcome.PROVED:
             nothing = np.zeros(problem.size)
             return Bound(Status.IMPOSSIBLE, 0.0, None, nothing, None, None, None, 0, time.perf_counter() - begun, certificate=content)
+    if problem.maneuver.limits.held:
+        return held_time(problem, task, chosen, near, begun, minimum_time)
     if problem.maneuver.limits.pulsed:
         found = pulsed_time(problem, task, lambda free: minimum_time(free, chosen, near))
         return replace(found, seconds=time.perf_counter() - begun)

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,7 +137,10 @@ def _patterns(problem: Problem) -> Iterator[tuple[Fraction, ...]]:
         orders = [tuple(signs[(i + first) % len(signs)] for i in range(count)) for first in range(len(signs))]
         if len(signs) == 2 and count <= size + 1:
             orders += [(one,) * k + (other,) * (count - k) for one, other in (signs, signs[::-1]) for k in range(1, count + held)]
+        first = limits.upper if limits.held > 0 else limits.lower
         for order in orders:
+            if limits.held and any(after == first != before for before, after in pairwise(order)):
+                continue  # not of the form that is held
             pattern = tuple(level for pulse in order for level in (pulse, coast))[:-1]
             if len(pattern) >= problem.size and pattern not in seen:
                 seen.add(pattern)

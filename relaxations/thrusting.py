@@ -44,7 +44,7 @@ def pulsed_time(problem: Problem, task: dict[str, Any], minimum: Callable[[Probl
         return concluded(task, replace(proof, upper=upper, command=first.command, switches=first.switches), first, 0.0)
     if first.upper is not None:
         for found in pulsed_commands(_sampled(problem, first), first.lower, first.command)[:TRIED]:
-            if (proven := _thrust(problem, task, found)) is not None:
+            if (proven := thrust(problem, task, found)) is not None:
                 return sampled(concluded(task, replace(proven, lower=proof.lower), first, 0.0), problem)
     why = "no command with such pulses was found" if first.upper is not None else first.reason
     return concluded(task, proof, replace(first, upper=None, command=None, switches=None, reason=why), 0.0)
@@ -58,7 +58,7 @@ def _sampled(problem: Problem, first: Bound) -> Problem:
     return pose(problem.plants, replace(problem.maneuver, box=replace(box, samples=known.samples)))
 
 
-def _thrust(problem: Problem, task: dict[str, Any], found: Pulsed) -> Proof | None:
+def thrust(problem: Problem, task: dict[str, Any], found: Pulsed) -> Proof | None:
     """The upper side of a command of pulses."""
     if problem.transition is not None:
         for margin in MARGINS:

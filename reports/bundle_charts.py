@@ -35,11 +35,19 @@ class Bundle:
 
 
 def bundles(
-    name: str, shown: Sequence[Bundle], *, target: float, output_label: str, since: float, until: float, tolerance: float | None = None
+    name: str,
+    shown: Sequence[Bundle],
+    *,
+    target: float,
+    output_label: str,
+    since: float | None = None,
+    until: float,
+    tolerance: float | None = None,
 ) -> str:
-    """The output of every run from `since` to `until` [s], a panel for each command, with one vertical axis; up to three commands.
+    """The output of every run until `until` [s], a panel for each command, with one vertical axis; up to three commands.
 
-    `target` as the output is; `tolerance`, if given, is how far from it the output may be.
+    The picture begins at `since` [s], and is as high as what comes after the ends of the moves; without, it shows all. `target` as the
+    output is; `tolerance`, if given, is how far from it the output may be.
     """
 
     def fill(figure: Any, panels: Sequence[Any]) -> None:
@@ -53,17 +61,19 @@ def bundles(
                 low, high = min(low, target - tolerance), max(high, target + tolerance)
             for run in sorted(bundle.runs, key=lambda run: run.nominal):  # the nominal plant lies above the others
                 t, y = np.asarray(run.times, dtype=float), np.asarray(run.output, dtype=float)
-                seen = (t >= since) & (t <= until)
+                seen = (t >= (since or 0.0)) & (t <= until)
                 colour, label = (BAD, "fails a requirement") if run.failed else (LINE, "another plant of the range")
                 width = 0.8
                 if run.nominal:
                     colour, label, width = (SECOND, "nominal plant", 1.8)
                 axes.plot(t[seen], y[seen], color=colour, linewidth=width, label=label, alpha=1.0 if run.nominal else 0.75)
+                if since is not None:
+                    seen &= t >= bundle.end
                 low, high = min(low, float(y[seen].min(initial=low))), max(high, float(y[seen].max(initial=high)))
             axes.axvline(bundle.end, color=INK, linewidth=0.8, linestyle=":", label="end of the move")
             axes.set_title(bundle.label, loc="left")
             axes.set_xlabel("time [s]")
-            axes.set_xlim(since, until)
+            axes.set_xlim(since or 0.0, until)
             labels |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
         room = ROOM * max(high - low, 1e-12)
         panels[0].set_ylim(low - room, high + room)
@@ -91,6 +101,6 @@ def every_run(
     ]
     share = None if tolerance is None else 100.0 * tolerance
     return {
-        whole: bundles(whole, shown, target=target, output_label=output_label, since=0.0, until=until),
+        whole: bundles(whole, shown, target=target, output_label=output_label, until=until),
         after: bundles(after, relative, target=0.0, output_label="from target [% of move]", since=min(ends), until=until, tolerance=share),
     }

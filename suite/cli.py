@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from suite.cli_fmus import fmus
+from suite.cli_prefilter import prefilter
 from suite.cli_tables import fuel, table, tradeoff
 from suite.cli_timing import timing
 from suite.command import AS_JSON, FAILED, INCONCLUSIVE, SANDBOX, USAGE, guarded, harmless, print_json, search_errors
@@ -379,6 +380,7 @@ def shaper(
 
 
 main.add_command(fmus)
+main.add_command(prefilter)
 main.add_command(table)
 main.add_command(tradeoff)
 main.add_command(fuel)

@@ -32,6 +32,7 @@ RECORD, PAGE = "comparison.json", "comparison.html"
 SAME = ("displacement", "input_limits")  # members of the task in which all agree
 SHAPER_LINE = re.compile(r'(?m)^(shaper\s*=\s*)(?:"[^"\n]*"|\'[^\'\n]*\')')
 SAMPLES = 4000  # of a curve in a picture
+SEEN = 2.0  # times the longest move, as much as a picture shows
 
 
 class ComparisonError(SuiteError):
@@ -109,6 +110,7 @@ def compare(
     """
     studies, folders = named_studies(paths, kinds)
     kept = dict(folders)
+    _require_alike({name: _asked(study) for name, study in studies})  # before an hour of runs
     for name, study in studies:
         about(name)
         kept[name] = verify(study, out / re.sub(r"[^A-Za-z0-9_.-]+", "-", name), jobs=jobs, force=force).folder
@@ -134,18 +136,35 @@ def _results(folder: Path) -> dict[str, Any]:
     return results
 
 
+def _asked(study: Study) -> dict[str, Any]:
+    """Of a study what must be the same in all."""
+    return {
+        "output": study.plant.output,
+        "displacement": float(study.maneuver.displacement),
+        "input_limits": [float(study.limits.lower), float(study.limits.upper)],
+    }
+
+
 def _require_same(found: dict[str, dict[str, Any]]) -> None:
     """Only commands for one task can be compared: plant, output, move and limits."""
-    (first, results), *others = found.items()
-    for name, other in others:
-        pairs = {
-            "plant": (results["plant"]["name"], other["plant"]["name"]),
-            "output": (results["plant"]["output"], other["plant"]["output"]),
+    _require_alike(
+        {
+            name: {
+                "plant": results["plant"]["name"],
+                "output": results["plant"]["output"],
+                **{key: results["task"][key] for key in SAME},
+            }
+            for name, results in found.items()
         }
-        pairs |= {key: (results["task"][key], other["task"][key]) for key in SAME}
-        for what, (one, two) in pairs.items():
-            if one != two:
-                raise ComparisonError(f"{first} and {name} are about another {what.replace('_', ' ')}: {one!r} and {two!r}")
+    )
+
+
+def _require_alike(tasks: dict[str, dict[str, Any]]) -> None:
+    (first, task), *others = tasks.items() or [("", {})]
+    for name, other in others:
+        for what, value in task.items():
+            if value != other[what]:
+                raise ComparisonError(f"{first} and {name} are about another {what.replace('_', ' ')}: {value!r} and {other[what]!r}")
 
 
 def _record(found: dict[str, dict[str, Any]], kept: dict[str, Path], out: Path) -> dict[str, Any]:
@@ -214,7 +233,8 @@ def _drawings(found: dict[str, dict[str, Any]], kept: dict[str, Path]) -> dict[s
     """The nominal runs on one another, and each quantity of the box over each of its axes."""
     drawings: dict[str, str] = {}
     curves: dict[str, tuple[Any, Any, Any]] = {}
-    target, scale, end = 0.0, 1.0, 0.0
+    target, scale = 0.0, 1.0
+    end = max((Command.from_dict(results["command"]).end for results in found.values() if results["command"] is not None), default=0.0)
     for name, results in found.items():
         nominal = next((run for run in results["run_table"] if run["nominal"] and run["log"] is not None), None)
         if nominal is None:
@@ -223,12 +243,12 @@ def _drawings(found: dict[str, dict[str, Any]], kept: dict[str, Path]) -> dict[s
             run = observe(logs.read_log(kept[name] / nominal["log"]))
         except (LogError, RecordError, RelaxationsError, LookupError, ValueError, TypeError) as problem:
             raise ComparisonError(f"{kept[name] / nominal['log']}: {problem}") from None
-        stride = max(len(run.times) // SAMPLES, 1)
-        at = np.union1d(np.arange(0, len(run.times), stride), np.flatnonzero(np.diff(run.input, append=run.input[-1]) != 0.0) + 1)
-        at = at[at < len(run.times)]
+        last = min(int(np.searchsorted(run.times, SEEN * end)) + 1, len(run.times))
+        stride = max(last // SAMPLES, 1)
+        at = np.union1d(np.arange(0, last, stride), np.flatnonzero(np.diff(run.input, append=run.input[-1]) != 0.0) + 1)
+        at = at[at < last]
         curves[name] = run.times[at], run.input[at], run.output[at]
         target, scale = run.target, run.scale
-        end = max(end, Command.from_dict(results["command"]).end)
     entry, output = (next(iter(found.values()))["plant"][key] for key in ("input", "output"))
     if curves:
         title = "Commands and responses of the nominal plant"

@@ -152,7 +152,7 @@ def written(value: Fraction) -> str:
 def task(numerator: list[str], denominator: list[str], displacement: str = "1", **others: Any) -> dict[str, Any]:
     """A task as a certificate writes it; state rest and |u| ≤ 1 unless said otherwise."""
     limits = {"input": list(others.pop("limits", ("-1", "1")))}
-    limits |= {name: others.pop(name, None) for name in ("fuel", "rate", "pulse_width", "pulses", "sample_time")}
+    limits |= {name: others.pop(name, None) for name in ("fuel", "rate", "pulse_width", "pulses", "held", "sample_time")}
     limits |= {"deflection": others.pop("deflection", {})}
     limits |= {"tail_length": others.pop("tail_length", None), "zero_sensitivity": others.pop("zero_sensitivity", {})}
     plant = {"numerator": numerator, "denominator": denominator, "outputs": others.pop("outputs", {}), "zeros": others.pop("zeros", {})}
@@ -185,6 +185,7 @@ def costate(
     ramps: Any = (),
     steps: Any = (),
     after: Any = (),
+    changes: Any = (),
 ) -> dict[str, Any]:
     """A lower side's witness."""
     written_chains = [{"near": list(near), "coefficients": [list(c) for c in coefficients]} for near, coefficients in chains]
@@ -197,6 +198,7 @@ def costate(
         "deflection": list(deflection),
         "ramps": list(ramps),
         "steps": list(steps),
+        "changes": list(changes),
     }
 
 

@@ -92,3 +92,13 @@ def test_what_cannot_be_compared_is_told(made: tuple[Path, dict[str, Any]], tmp_
     done = run(out / "zv", out / "none", "--out", tmp_path / "refused")
     assert done.exit_code == 2
     assert "is not as it was written: junit.xml" in done.stderr
+
+
+def test_other_tasks_are_told_before_anything_is_run(tmp_path: Path):
+    for name, displacement in (("near", "5.0"), ("far", "6.0")):
+        file = study(tmp_path, name=f"{name}.toml")
+        file.write_text(file.read_text().replace("displacement = 5.0", f"displacement = {displacement}"))
+    refused = run(tmp_path / "near.toml", tmp_path / "far.toml", "--out", tmp_path / "out")
+    assert refused.exit_code == 2
+    assert "near and far are about another displacement: 5.0 and 6.0" in refused.stderr
+    assert not (tmp_path / "out").exists()

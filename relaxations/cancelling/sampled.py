@@ -10,6 +10,7 @@ import itertools
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from relaxations.cancelling.designs import UNBOUNDED, Found, natural_time, solved_at
 from relaxations.cancelling.forms import Form
@@ -18,7 +19,8 @@ from relaxations.cancelling.structures import Structure
 from relaxations.errors import ImpossibleShaperError, ShaperError
 
 LONGEST = 4.0  # times the plant's own time
-CHOICES = 20_000  # of samples for the delays between the first and the last one
+ALL_AT_ONCE, ONE_BY_ONE = 200_000, 2_000  # choices of samples for the delays between the first and the last one
+NEARLY = 1e-9  # of the gains: what keeps the bounds so nearly is looked at more closely
 MOST = 4000  # samples that are looked at
 
 
@@ -74,17 +76,30 @@ def _possible(structure: Structure, sample_time: float, samples: int) -> bool:
 
 def _shortest(structure: Structure, sample_time: float, samples: int) -> Found | None:
     """The delays between, of a filter that takes this many samples, with the least sum of |gains|."""
-    inner = structure.form.delays - 1
-    if math.comb(samples - 1, inner) > CHOICES:
-        raise ShaperError(
-            f"{inner} delays among {samples - 1} samples can be chosen in {math.comb(samples - 1, inner)} ways, more than {CHOICES}: "
-            "a longer sample time, or fewer delays"
-        )
-    steps = np.array([part.power is None for part in structure.parts])
+    inner, steps = structure.form.delays - 1, np.array([part.power is None for part in structure.parts])
+    count, square = math.comb(samples - 1, inner), len(structure.parts) == structure.conditions.size and structure.still
+    most = ALL_AT_ONCE if square else ONE_BY_ONE
+    if count > most:
+        ways = f"{inner} delays among {samples - 1} samples can be chosen in {count} ways"
+        raise ShaperError(f"{ways}, more than {most}: a longer sample time, or fewer delays")
+    choices = np.array([(0, *between, samples) for between in itertools.combinations(range(1, samples), inner)]) * sample_time
+    if square:
+        choices = _promising(structure, choices, steps)
     best: tuple[float, Found] | None = None
-    for between in itertools.combinations(range(1, samples), inner):
-        found = solved_at(structure.fine, np.array([k * sample_time for k in (0, *between, samples)]))
+    for delays in choices:
+        found = solved_at(structure.fine, delays)
         if found is not None:
             size = float(np.abs(found.unknowns[steps]).sum())
             best = (size, found) if best is None or size < best[0] * (1 - 1e-9) else best
+            if square:
+                break
     return best and best[1]
+
+
+def _promising(structure: Structure, choices: NDArray[np.float64], steps: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Those whose only gains keep the bounds, or nearly: all at once, the smaller gains first."""
+    table, (rows, sides) = structure.conditions.table(structure.parts, choices), structure.limits(choices[0])
+    unknowns = (np.linalg.pinv(table) @ structure.conditions.aim[:, None])[..., 0]
+    sizes = np.abs(unknowns).max(axis=1, keepdims=True) + np.abs(sides)
+    kept = np.flatnonzero((unknowns @ rows.T >= sides - NEARLY * sizes).all(axis=1))
+    return choices[kept[np.argsort(np.abs(unknowns[kept][:, steps]).sum(axis=1), kind="stable")]]

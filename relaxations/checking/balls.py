@@ -328,6 +328,14 @@ class Wave:
         rows = [[*row, acb(0 if k else level)] for k, row in enumerate(self.rows.tolist())]
         return Wave((*self.roots, Root(acb(0), 1)), acb_mat(rows))
 
+    def derivative(self) -> Wave:
+        """The wave's derivative: the same terms, one row fewer."""
+        return Wave(self.roots, acb_mat(self.rows.tolist()[1:]))
+
+    def reversed(self) -> Wave:
+        """Minus the wave."""
+        return Wave(self.roots, -self.rows)
+
     def integral(self, s: arb) -> arb:
         """From 0 to s."""
         return (self.rows * acb_mat([[x] for root in self.roots for x in root.step(s)]))[0, 0].real

@@ -12,7 +12,7 @@ from typing import Any
 import flint
 from flint import fmpq
 
-from relaxations.checking import courses, lower, members, ramps, upper, varying
+from relaxations.checking import changes, courses, lower, members, ramps, upper, varying
 from relaxations.checking.balls import system, work
 from relaxations.checking.reading import Malformed, Refuted, Undecided, read
 
@@ -75,6 +75,7 @@ def check(content: bytes) -> Check:
                     outcome, reason = Outcome.PROVED, ""
                     break
                 members.sensible(certificate.task)
+                changes.sensible(certificate.task, certificate.lower)
                 courses.sensible(certificate.task)
                 ramps.sensible(certificate.task, certificate.lower)
                 posed = system(certificate.task)
@@ -142,6 +143,10 @@ def claim(found: Check) -> str:
     elif rate:
         lines.append(f"  u is continuous from its first rest to its last, and its slope stays in [{rate[0]}, {rate[1]}].")
     lines += members.promises(task)
+    if held := task["limits"]["held"]:
+        first, second = held.split(", then ")
+        lines.append(f"  Form: until some instant of the move u is {task['initial_input']} or on its {first} side, and from then on")
+        lines.append(f"  {task['initial_input']} or on its {second} side. The claim is about inputs of this form alone.")
     if (width := task["limits"]["pulse_width"]) is not None or task["limits"]["pulses"] is not None:
         lines.append(f"  Thrusters: until T, u is {low}, {high} or {task['initial_input']}, in pulses (constant pieces other than that)")
         few = "" if task["limits"]["pulses"] is None else f", at most {task['limits']['pulses']} of them"

@@ -23,7 +23,7 @@ from typing import Any
 import flint
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes, courses, members, ramps, spent
+from relaxations.checking import boxes, changes, courses, members, ramps, spent
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -150,6 +150,9 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     With a sample time the commands that are refuted take one sample less, or even fewer. Of many short samples it is enough that no
     measurable input can do it in their time.
     """
+    if witness.changes:
+        changes.prove(system, witness.changes, time, support)
+        return
     require(bool(system.zeros) or not (witness.tail or witness.after), "multipliers of a tail that the task does not have")
     numbers, price = costate(system, witness)
     relaxed = boxes.relaxed(system, witness.samples)

@@ -107,6 +107,7 @@ LIMITS = {
     "rate": (None, PAIR),
     "pulse_width": (None, real),  # [s] of pieces whose level is not the initial input
     "pulses": (None, natural),  # how many of them there may be
+    "held": (None, {"positive, then negative", "negative, then positive"}),  # the sides of the first rest on which the input is
     "sample_time": (None, real),
     "tail_length": (None, LENGTH),
     "zero_sensitivity": sensitivities,
@@ -156,8 +157,11 @@ AFTER: list[Any] = [{"output": (None, name), "time": real, "upper": real, "lower
 # … of the residual and of outputs, in the course of the move and after it, of plants at places in the box
 SAMPLES: list[Any] = [{"place": [real, 1, 8], "residual": CONTACTS, "deflection": PRESSES, "after": AFTER}, 0, 1000]
 STEPS: list[Any] = [real, 0, MOST_SEGMENTS]  # of the input's changes from sample to sample, the last change first
+# … of inputs of a form: a costate and a price of the fuel for changes of sign at these times to go
+CHANGES: list[Any] = [{"at": real, "costate": [CHAINS, 1, 1], "fuel": real}, 0, 5000]
 LOWER = {
     "costate": [CHAINS, 1, 1],
+    "changes": CHANGES,
     "tail": CONTACTS,
     "after": AFTER,
     "samples": SAMPLES,

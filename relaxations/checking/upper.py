@@ -14,7 +14,7 @@ from typing import Any
 
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes, courses, ramps
+from relaxations.checking import boxes, changes, courses, ramps
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -243,6 +243,8 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     courses.prove(system, n, command)
     if system.task.limits.rate is not None:
         ramps.prove(system, command, n)
+    if system.task.limits.held:
+        changes.form(system, command[n + 1 : 2 * n + 1])
     pulsed(system.task, command, n, witness.free)
     tail_limits(system, n, command)
     for places, cap in system.capped:

@@ -1,0 +1,92 @@
+"""`slewcert prefilter`, on the command line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from suite.command import AS_JSON, SANDBOX, guarded, print_json
+
+R = TypeVar("R")
+
+
+def _parsed(read: Callable[[str], R]) -> Callable[[click.Context, click.Parameter, str | None], R | None]:
+    def convert(context: click.Context, option: click.Parameter, text: str | None) -> R | None:
+        try:
+            return None if text is None else read(text)
+        except ValueError as problem:
+            raise click.BadParameter(f"{text!r}: {problem}", context, option) from None
+
+    return convert
+
+
+def _pair(text: str) -> tuple[float, float]:
+    try:
+        low, high = map(float, text.split(":"))
+    except ValueError:
+        raise ValueError("must be LOW:HIGH, such as -0.35:2") from None
+    if not low < high:
+        raise ValueError("must be LOW:HIGH with LOW < HIGH")
+    return low, high
+
+
+def _instants(text: str) -> tuple[float, ...]:
+    try:
+        instants = tuple(map(float, text.split(",")))
+    except ValueError:
+        raise ValueError("must be seconds, such as 1.5,4.2") from None
+    if not all(a < b < float("inf") for a, b in zip((0.0, *instants), instants, strict=False)):
+        raise ValueError("must be seconds that ascend from more than 0")
+    return instants
+
+
+def _zeros(text: str) -> tuple[int, ...]:
+    if text == "none":
+        return ()
+    if not re.fullmatch(r"[1-9]\d{0,2}(,[1-9]\d{0,2})*", text):
+        raise ValueError("must be numbers of the plant's zeros by ascending magnitude, such as 1 or 1,2, or none")
+    return tuple(map(int, text.split(",")))
+
+
+@click.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option("--delays", type=click.IntRange(1, 40), help="How many delays the filter has; default: as the study says.")
+@click.option("--form", help='Where its poles stand: last (the default), first, every or a delay\'s number, with "+step" and "+free".')
+@click.option("--robustness", type=click.IntRange(0, 9), help="Further zeros at every flexible mode; default: as the study says.")
+@click.option("--gains", callback=_parsed(_pair), metavar="LOW:HIGH", help="Bounds of its steps for the study's displacement.")
+@click.option("--monotone", is_flag=True, help="The input never turns back.")
+@click.option("--instants", callback=_parsed(_instants), metavar="SECONDS,…", help="The delays themselves.")
+@click.option("--sample-time", type=click.FloatRange(0.0, 1e6, min_open=True), help="Seconds: the delays are multiples of it.")
+@click.option("--zeros", callback=_parsed(_zeros), metavar="NUMBERS|none", help="Which zeros are cancelled; default: all that can be.")
+@click.option("--unbounded", is_flag=True, help="Do not hold the input within the study's limits.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw the input with its tail, and the output, to this file (.svg).")
+@click.option("--save", type=click.Path(path_type=Path), help="Write a filter file, for `slewcert fmus export`.")
+@SANDBOX
+@AS_JSON
+@guarded
+def prefilter(study: Path, plot: Path | None, save: Path | None, as_json: bool, **words: Any) -> None:
+    """Design a filter for the plant of STUDY whose zeros cancel its poles and whose poles cancel its zeros.
+
+    Exit code 0: done; 1: none was found, or there is none; 2: bad input.
+    """
+    from suite import console_prefilters, prefilters
+
+    if plot is not None and plot.suffix != ".svg":
+        raise click.UsageError(f"--plot {plot}: pictures are SVG; name a file that ends in .svg")
+    if words["instants"] is not None and words["sample_time"] is not None:
+        raise click.UsageError("--instants are the delays, --sample-time lets them be chosen: give one of them")
+    if words["instants"] is not None and words["delays"] not in (None, len(words["instants"])):
+        raise click.UsageError(f"--delays {words['delays']} contradicts --instants, which are {len(words['instants'])}")
+    done = prefilters.designed(study, prefilters.Asked(**words))
+    if plot is not None:
+        prefilters.draw(done, plot)
+    if save is not None:
+        prefilters.save(done, save)
+    if as_json:
+        print_json(done.to_dict())
+    else:
+        console_prefilters.show_prefilter(done)

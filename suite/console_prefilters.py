@@ -1,0 +1,30 @@
+"""Pole-zero cancelling filters on a terminal."""
+
+from __future__ import annotations
+
+from rich.table import Table
+
+from suite.console import escape, out
+from suite.prefilters import Designed
+
+
+def show_prefilter(done: Designed) -> None:
+    """Steps and decaying terms at each delay, and what is proven and measured of the filter."""
+    console, made = out(), done.prefilter
+    table = Table(*map(escape, ("delay [s]", "step", "term of the impulse response, r after the delay")))
+    for delay, gain in zip(made.delays, made.gains, strict=True):
+        terms = [term for term in made.terms if term.start == delay]
+        written = [_term(term.rate, term.power, term.coefficient) for term in terms]
+        table.add_row(f"{delay:.10f}", f"{gain:.10f}", escape(" + ".join(written).replace("+ -", "- ") or "–"))
+    console.print(table)
+    for line in done.lines():
+        console.print(escape(line), soft_wrap=True)
+
+
+def _term(rate: complex, power: int, coefficient: complex) -> str:
+    grown = "" if power == 0 else " r" if power == 1 else f" r^{power}"
+    decay = f"e^({rate.real:.6g} r)"
+    if not rate.imag:
+        return f"{coefficient.real:.10g}{grown} {decay}"
+    angle = f"{rate.imag:.6g} r"
+    return f"({coefficient.real:.10g} cos {angle} {-coefficient.imag:+.10g} sin {angle}){grown} {decay}"
