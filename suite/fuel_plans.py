@@ -48,11 +48,12 @@ class Plan:
     nodes: tuple[tuple[Fraction, Node], ...]
     settings: Settings
     notes: tuple[str, ...]
+    held: bool = True
 
     @property
     def count(self) -> int:
         """How many minimum times."""
-        return len(self.budgets) * len(self.posed)
+        return len(self.budgets) * len(self.posed) + (sum(kind.zeros is not None for kind, _ in self.posed) if self.held else 0)
 
 
 def kinds(names: Sequence[str]) -> tuple[Kind, ...]:
@@ -106,6 +107,8 @@ def plan(
     names: Sequence[str] = DEFAULT_KINDS,
     shown: Sequence[str] = (),
     settings: Settings | None = None,
+    *,
+    held: bool = True,
 ) -> Plan:
     """Choose the budgets; raises `StudyError` for a study that burns no fuel, or for ever, `FuelError` for options that make no sense."""
     low, high = budget("--from", least), budget("--to", most)
@@ -151,7 +154,7 @@ def plan(
             raise FuelError(f"--show {written(fuel)} is outside the sweep, {written(low)} to {written(high)}")
     if study.command.robustness != 0:
         notes.append("the kinds replace the study's own robustness")
-    return Plan(study, plant, posed, free, tuple(sorted(budgets)), tuple(asked), tuple(known), chosen, tuple(notes))
+    return Plan(study, plant, posed, free, tuple(sorted(budgets)), tuple(asked), tuple(known), chosen, tuple(notes), held)
 
 
 def _require(study: Study) -> None:

@@ -108,13 +108,25 @@ class Point:
 @dataclass(frozen=True, slots=True)
 class Curve:
     """The points of one kind by ascending fuel; `free` is its fastest command without a budget, `least` [input units · s] the fuel that
-    every command of it needs, whatever its time, where that is more than 0."""
+    every command of it needs, whatever its time, where that is more than 0. `efficient` is the fastest command without a budget whose
+    pulses go one way first, then the other (type 1); `held` are points of that form at budgets where the fastest command is not of it."""
 
     kind: Kind
     posed: Problem
     free: Point
     points: tuple[Point, ...]
     least: float | None = None
+    efficient: Point | None = None
+    held: tuple[Point, ...] = ()
+
+    @property
+    def penalty(self) -> tuple[float, Point] | None:
+        """By what share the form costs the most, and where: the command of type 1 over the fastest one; None if that is not known."""
+        pairs = [(point.bound.upper, self.at(point.fuel), point) for point in self.held]
+        if self.efficient is not None and self.efficient.bound.upper is not None and self.free.bound.upper is not None:
+            pairs.append((self.efficient.bound.upper, self.free, self.efficient))
+        known = [(up / free.bound.upper - 1.0, one) for up, free, one in pairs if up is not None and free and free.bound.upper]
+        return max(known, key=lambda pair: pair[0], default=None)
 
     @property
     def knees(self) -> tuple[Point, ...]:
@@ -139,6 +151,8 @@ class Curve:
             "unlimited": self.free.to_dict() | {"fuel": None},
             "least_fuel": self.least,
             "points": [point.to_dict() for point in self.points],
+            "fuel_efficient": None if self.efficient is None else self.efficient.to_dict() | {"fuel": None},
+            "held": [point.to_dict() for point in self.held],
             "knees": [float(point.fuel) for point in self.knees],
         }
 

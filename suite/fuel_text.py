@@ -61,6 +61,8 @@ def lines(done: FuelSweep) -> Iterator[str]:
     for choice in done.choices:
         yield _choice(done, choice)
     for curve in done.curves:
+        yield from _form(done, curve)
+    for curve in done.curves:
         yield from _turned(done, curve)
         short = [point for point in curve.points if point.status == "impossible"]
         if short:
@@ -80,6 +82,19 @@ def _choice(done: FuelSweep, choice: Choice) -> str:
     _, lower, upper, *_ = bracket_cells(point.bound)
     exact = "" if choice.node is None else f" (exactly {choice.node.fuel:.10f} {done.unit}, {choice.node.maneuver_time:.10f} s)"
     return f"{choice.kind.title}, {written(choice.fuel)} {done.unit}: {choice.why}{exact}: [{lower}, {upper}] s: {point.status}"
+
+
+def _form(done: FuelSweep, curve: Curve) -> Iterator[str]:
+    """What the commands cost whose pulses go one way first."""
+    efficient, costly = curve.efficient, curve.penalty
+    if efficient is None or efficient.burnt is None or efficient.bound.upper is None or costly is None:
+        return
+    _, lower, upper, *_ = bracket_cells(efficient.bound)
+    share, point = costly
+    where = "without a budget" if point is efficient else f"at {written(point.fuel)} {done.unit}"
+    what = 'fuel-efficient (kind = "fuel-efficient": pulses one way, then the other, as much fuel as it takes)'
+    burns = f"{efficient.burnt:.6f} {done.unit}, [{lower}, {upper}] s: {efficient.status}"
+    yield f"{curve.kind.title}, {what}: {burns}; holding this form costs at most {100 * share:.3f} %, {where}"
 
 
 def _turned(done: FuelSweep, curve: Curve) -> Iterator[str]:
