@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from relaxations.commands import Command
+from relaxations.limits import Limits
 from relaxations.maneuvers import Problem
 from relaxations.watching import Watch
 
@@ -31,10 +32,11 @@ MORE = 3  # alternating pulses than equations, at most; in other orders one
 STRETCHED = (1.05, 1.5, 2.2)  # times the lower bound: where searches begin
 HAIR = 1e-8  # relative: what pulses are wider, and fuel less, than they must
 ROOM = 4e-6  # of a limit that holds at every instant: what is kept of it
-VANISHED = 1e-7  # of the duration: a coast so short is none
+VANISHED = 1e-6  # of the duration: a coast so short is none, and the others are looked for again without it
 LANDED = 1e-9  # relative residual of the equations at which a search has come to something
 STEPS = 6  # of Newton's method at the end
 CUTS = 12  # rounds of cutting planes of one pattern
+MANY = 8  # pulses of an outline beside as many as there are equations, at most
 FLICKER = 1e-3  # of the duration: pieces of a grid's command that are shorter, all neighbours together, are none
 NEAR = 1e-3  # relative: as close to the lower bound no further pattern is tried where each takes long
 
@@ -88,6 +90,7 @@ def pulsed_commands(problem: Problem, least: float, free: Command | None = None)
 def _outlined(problem: Problem, free: Command) -> tuple[tuple[Fraction, ...], Reals] | None:
     """The pattern of pulses that a command without their limits is nearest to: what it is between two levels is shared among these."""
     limits, coast = problem.maneuver.limits, off(problem)
+    most = MANY + (problem.plants[0].order if problem.residuals is not None else problem.size)
     choices = sorted({limits.lower, coast, limits.upper})
     pieces: list[tuple[Fraction, float]] = []
     ends = [*(segment.start for segment in free.segments[1:]), free.end]
@@ -116,7 +119,10 @@ def _outlined(problem: Problem, free: Command) -> tuple[tuple[Fraction, ...], Re
         else:
             kept.append((one, part))
     pulses = [level for level, _ in kept if level != coast]
-    if not pulses or (limits.pulses is not None and len(pulses) > limits.pulses):
+    if len(pulses) > most:
+        kept = _modulated(problem, free, choices)
+        pulses = [level for level, _ in kept if level != coast]
+    if not pulses or len(pulses) > (limits.pulses or 2 * most) or not _of_form(limits, pulses):
         return None
     whole: list[tuple[Fraction, float]] = []
     for one, part in kept:
@@ -124,6 +130,34 @@ def _outlined(problem: Problem, free: Command) -> tuple[tuple[Fraction, ...], Re
             whole.append((coast, 0.0))
         whole.append((one, part))
     return tuple(one for one, _ in whole), np.array([part for _, part in whole])
+
+
+def _modulated(problem: Problem, free: Command, choices: Sequence[Fraction]) -> list[tuple[Fraction, float]]:
+    """Pulses of the least width, or longer, whose integral follows that of a command (sigma-delta modulation)."""
+    coast, width = off(problem), max(_least_width(problem), free.end / 50.0)
+    parts = max(4 * round(free.end / width), 200)
+    step, owed, held = free.end / parts, 0.0, 0.0
+    wanted = free((np.arange(parts) + 0.5) * step) - float(coast)
+    found: list[tuple[Fraction, float]] = []
+    level = coast
+    for u in wanted:
+        owed += float(u) * step
+        if level == coast or held >= width:
+            due = [
+                one
+                for one in choices
+                if one != coast and owed * float(one - coast) > 0 and abs(owed) >= width / 2 * abs(float(one - coast))
+            ]
+            following = due[0] if due else level if level != coast and owed * float(level - coast) > 0 else coast
+            held = held if following == level else 0.0
+            level = following
+        owed -= float(level - coast) * step
+        held += step
+        if found and found[-1][0] == level:
+            found[-1] = level, found[-1][1] + step
+        else:
+            found.append((level, step))
+    return found
 
 
 def _patterns(problem: Problem) -> Iterator[tuple[Fraction, ...]]:
@@ -136,15 +170,21 @@ def _patterns(problem: Problem) -> Iterator[tuple[Fraction, ...]]:
     for count in range(1, most + 1):
         orders = [tuple(signs[(i + first) % len(signs)] for i in range(count)) for first in range(len(signs))]
         if len(signs) == 2 and count <= size + 1:
-            orders += [(one,) * k + (other,) * (count - k) for one, other in (signs, signs[::-1]) for k in range(1, count + held)]
-        first = limits.upper if limits.held > 0 else limits.lower
+            orders += [(one,) * k + (other,) * (count - k) for one, other in (signs, signs[::-1]) for k in range(1, count)]
+        orders += [(one,) * count for one in signs if held]
         for order in orders:
-            if limits.held and any(after == first != before for before, after in pairwise(order)):
-                continue  # not of the form that is held
+            if not _of_form(limits, order):
+                continue
             pattern = tuple(level for pulse in order for level in (pulse, coast))[:-1]
             if len(pattern) >= problem.size and pattern not in seen:
                 seen.add(pattern)
                 yield pattern
+
+
+def _of_form(limits: Limits, pulses: Sequence[Fraction]) -> bool:
+    """Whether pulses have the form that is held, if one is: of one sign first, then of the other."""
+    first = limits.upper if limits.held > 0 else limits.lower
+    return not limits.held or not any(after == first != before for before, after in pairwise(pulses))
 
 
 def _least_width(problem: Problem) -> float:
@@ -163,18 +203,36 @@ def _shares(problem: Problem, levels: tuple[Fraction, ...], duration: float) -> 
 
 def _searched(problem: Problem, watch: Watch, levels: tuple[Fraction, ...], begin: Reals, best: float = np.inf) -> Pulsed | None:
     """The shortest command of one pattern near these durations, or None, or if it does not beat the `best` [s]."""
-    values = np.array([float(level - problem.maneuver.rest) for level in levels])
-    on = np.array([level != off(problem) for level in levels])
-    durations: Reals | None = np.maximum(begin, np.where(on, _least_width(problem), 0.0))
-    for _ in range(CUTS):
-        durations = _minimized(problem, watch, values, on, durations)
-        if durations is None or durations.sum() >= best:  # what is watched more closely takes no less
+    least, durations = _least_width(problem), begin
+    for turn in range(CUTS):
+        if turn:
+            levels, durations = _without_coasts(problem, levels, durations)
+        values = np.array([float(level - problem.maneuver.rest) for level in levels])
+        on = np.array([level != off(problem) for level in levels])
+        found = _minimized(problem, watch, values, on, np.maximum(durations, np.where(on, least, 0.0)))
+        if found is None or found.sum() >= best:  # what is watched more closely takes no less
             return None
+        durations = found
+        if len(_without_coasts(problem, levels, durations)[0]) < len(levels):
+            continue
         more = watch.further(values, durations, 1.0 - ROOM / 2)
         if more is None:
             return _landed(problem, levels, durations)
         watch = more
     return None
+
+
+def _without_coasts(problem: Problem, levels: tuple[Fraction, ...], durations: Reals) -> tuple[tuple[Fraction, ...], Reals]:
+    """A command without coasts that have vanished, equal neighbours as one pulse."""
+    kept: list[tuple[Fraction, float]] = []
+    for level, duration in zip(levels, durations.tolist(), strict=True):
+        if level == off(problem) and duration <= VANISHED * durations.sum():
+            continue
+        if kept and kept[-1][0] == level:
+            kept[-1] = level, kept[-1][1] + duration
+        else:
+            kept.append((level, duration))
+    return tuple(level for level, _ in kept), np.array([duration for _, duration in kept])
 
 
 def _scale(problem: Problem, values: Reals, duration: float) -> Reals:
@@ -245,17 +303,8 @@ def _slope(problem: Problem, values: Reals, durations: Reals) -> Reals:
 
 
 def _landed(problem: Problem, levels: Sequence[Fraction], durations: Reals) -> Pulsed | None:
-    """The command without coasts that have vanished, its durations corrected until it lands to rounding."""
-    kept: list[tuple[Fraction, float]] = []
-    coast = off(problem)
-    for level, duration in zip(levels, durations, strict=True):
-        if level == coast and duration <= VANISHED * durations.sum():
-            continue
-        if kept and kept[-1][0] == level:
-            kept[-1] = level, kept[-1][1] + float(duration)
-        else:
-            kept.append((level, float(duration)))
-    exact, times = tuple(level for level, _ in kept), np.array([duration for _, duration in kept])
+    """The command, its durations corrected until it lands to rounding."""
+    coast, exact, times = off(problem), tuple(levels), durations
     values, size = np.array([float(level - problem.maneuver.rest) for level in exact]), problem.size
     if len(times) < size:
         return None

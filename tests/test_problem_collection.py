@@ -36,6 +36,7 @@ STAIRCASES = {
     "two_mass_rate": 1e-5,
     "two_mass_spring_limit": 1e-5,
     "two_mass_box": 1e-4,
+    "two_mass_box_thrusters": 1e-4,
 }
 """Degenerate optima: the upper side is a repaired staircase, 1e-9 beyond the minimum time or ten times that; samples are exact.
 With further limits, and for a whole box, both sides are those of a grid."""
@@ -64,6 +65,8 @@ FACTS = {
     "rigid_body_sampled": 2.0,
     "two_mass_thrusters": "6.6627284203",
     "two_mass_box": "7.2698",
+    "two_mass_box_thrusters": "7.2698",
+    "varying_gain_thrusters": "1.5391950535",
     "emergency_stop": "3.1510411012",
     "swinging_load": acos(-1 / 4),
     "stop_and_return": 1 + sqrt(2),

@@ -13,10 +13,12 @@ from click.testing import CliRunner
 from small_studies import SHIPPED
 
 from relaxations.bounds import Status
+from relaxations.errors import PlantError
 from suite.cli import main
-from suite.design import design
+from suite.design import design, pose
 from suite.errors import StudyError
 from suite.loading import load_study
+from suite.plants import nominal_plant
 from suite.study import Schedule
 from suite.tables import tabulate
 from suite.varying import varying_plant
@@ -108,3 +110,15 @@ def test_what_only_the_plant_tells(tmp_path: Path) -> None:
         design(study(tmp_path, CRANE.replace("times = [0.1,", "times = [0.0123456,")))
     with pytest.raises(StudyError, match="commands of a table begin at any time"):
         tabulate(study(tmp_path, GAIN), (Fraction(1),))
+
+
+def test_further_outputs_of_an_fmu_along_its_own_motion(tmp_path: Path) -> None:
+    short = CRANE[: CRANE.index("times = [")] + "times = [0.5, 1.0] }\n\n" + CRANE[CRANE.index("[maneuver]") :]
+    limited = short.replace("input = [-3000.0, 3000.0]", "deflection = { NAME = 0.4 }\ninput = [-3000.0, 3000.0]")
+    read = study(tmp_path, limited.replace("NAME", "sway"))
+    posed = pose(read, nominal_plant(read))
+    (course,) = posed.courses
+    assert (course.name, course.limit) == ("sway", 0.4)
+    read = study(tmp_path, limited.replace("NAME", "tension"))
+    with pytest.raises(PlantError, match=r"'tension' of .* changes by itself"):
+        pose(read, nominal_plant(read))
