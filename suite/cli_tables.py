@@ -89,7 +89,7 @@ def tradeoff(study: Path, tolerances: str | None, widths: str | None, plot: Path
 @click.option("--higher-mode", "higher", type=float, default=3.0, show_default=True,
               help="The mode that nobody modelled, times the highest frequency.")  # fmt: skip
 @click.option("--held/--no-held", default=True, show_default=True,
-              help="Look too at commands held in the form of pulses one way, then the other.")  # fmt: skip
+              help="Look too at commands held in the form of pulses one way, then the other, and at α_crit.")  # fmt: skip
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw the overview to this file (SVG).")
 @click.option("--out", type=click.Path(path_type=Path),
               help="Folder for every picture, a page, and the record; default: NAME-fuel, unless --json or --plot is given.")  # fmt: skip
@@ -124,7 +124,9 @@ def fuel(
     if out is None and plot is None and not as_json:
         out = Path(f"{study.stem}-fuel")
     asked = fuel_records.Settings(level, higher)
-    planned = fuel_plans.plan(load_study(study), least, most, count, names or fuel_plans.DEFAULT_KINDS, shown, asked, held=held)
+    planned = fuel_plans.plan(
+        load_study(study), least, most, count, names or fuel_plans.DEFAULT_KINDS, shown, asked, held=held, weights=held
+    )
     with console.progress("bracketing", planned.count) as bar:
         done = fuel_sweeps.sweep(planned, certificates, bar.advance)
     files = fuel_pictures.write(done, out) if out else []

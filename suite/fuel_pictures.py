@@ -75,6 +75,9 @@ def pictures(done: FuelSweep) -> list[tuple[str, str, str]]:
             told.append(("sensitivity", "Residual vibration against the true frequency", lambda name: chart(name, [_sensitivity(done)])))
         higher = f"Excitation of a mode that nobody modelled, {_far(done)}"
         told.append(("higher-mode", higher, lambda name: chart(name, [_higher(done)])))
+    if len(done.weights) > 1:
+        caption = "Weight of fuel at which the first node is the better choice than more fuel"
+        told.append(("alpha", caption, lambda name: chart(name, [_weights(done)])))
     return [(stem, caption, make(caption)) for stem, caption, make in told]
 
 
@@ -155,6 +158,16 @@ def _narrow(done: FuelSweep) -> Lines:
 def _higher(done: FuelSweep) -> Lines:
     label = "largest residual [steps of the input]"
     return _measured(done, label, f"An unmodelled mode, {_far(done)}", lambda point: point.higher_mode, every=True)
+
+
+def _weights(done: FuelSweep) -> Lines:
+    x, alphas = [float(weight.displacement) for weight in done.weights], [weight.alpha for weight in done.weights]
+    unit = f" [{done.study.plant.output_unit}]" if done.study.plant.output_unit else ""
+    marks = Marks({}, abs(float(done.study.maneuver.displacement)))
+    label = f"α_crit [s per {done.unit}]"
+    return Lines(
+        [("ZV", x, alphas, 1)], f"displacement{unit}", label, marks, "Below α_crit more fuel than that of node 1 pays", logarithmic=True
+    )
 
 
 def _far(done: FuelSweep) -> str:

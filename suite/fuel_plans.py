@@ -49,6 +49,7 @@ class Plan:
     settings: Settings
     notes: tuple[str, ...]
     held: bool = True
+    weights: bool = True
 
     @property
     def count(self) -> int:
@@ -109,6 +110,7 @@ def plan(
     settings: Settings | None = None,
     *,
     held: bool = True,
+    weights: bool = True,
 ) -> Plan:
     """Choose the budgets; raises `StudyError` for a study that burns no fuel, or for ever, `FuelError` for options that make no sense."""
     low, high = budget("--from", least), budget("--to", most)
@@ -156,7 +158,7 @@ def plan(
         notes.append("the sweep is one of commands of any form, not of the study's own")
     if study.command.robustness != 0:
         notes.append("the kinds replace the study's own robustness")
-    return Plan(study, plant, posed, free, tuple(sorted(budgets)), tuple(asked), tuple(known), chosen, tuple(notes), held)
+    return Plan(study, plant, posed, free, tuple(sorted(budgets)), tuple(asked), tuple(known), chosen, tuple(notes), held, weights)
 
 
 def _require(study: Study) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 from relaxations.bounds import Bound
 from relaxations.maneuvers import Problem
 from relaxations.transition_fuels import Node
+from suite.fuel_weights import Weight
 from suite.quantities import Modes
 from suite.study import Study
 from suite.sweeps import claimed, sides
@@ -189,7 +190,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class FuelSweep:
-    """The curves, the prudent choices, the budgets that are shown in full, and what a reader should know."""
+    """The curves, the prudent choices, the budgets shown in full, what a reader should know, and α_crit against the displacement."""
 
     study: Study
     modes: Modes
@@ -199,6 +200,7 @@ class FuelSweep:
     shown: tuple[Fraction, ...]
     seconds: float
     notes: tuple[str, ...] = ()
+    weights: tuple[Weight, ...] = ()
 
     @property
     def unit(self) -> str:
@@ -224,6 +226,7 @@ class FuelSweep:
             "higher_mode": self.settings.higher,
             "curves": [curve.to_dict() for curve in self.curves],
             "choices": [choice.to_dict() for choice in self.choices],
+            "critical_weights": [weight.to_dict() for weight in self.weights],
             "shown": [float(fuel) for fuel in self.shown],
             "notes": list(self.notes),
             "seconds": round(self.seconds, 6),

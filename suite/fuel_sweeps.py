@@ -25,11 +25,12 @@ from relaxations.spending import least_fuel
 from suite.errors import Mistake, StudyError
 from suite.fuel_plans import Plan, written
 from suite.fuel_records import Choice, Curve, FuelSweep, Point, Pulses, Settings
+from suite.fuel_weights import critical_weights
 from suite.quantities import Modes, command_insensitivity, step_impulses
 from suite.study import Study
 from suite.sweeps import extrapolated, kept
 
-MOST_HELD = 8  # budgets of one kind at which the form is held: a proof of it takes a second or more
+MOST_HELD = 6  # budgets of one kind at which the form is held: a proof of it takes a second or more
 AROUND = np.linspace(0.8, 1.2, 81)  # times where an unmodelled mode is looked for: it may be anywhere there
 
 
@@ -60,7 +61,9 @@ def sweep(planned: Plan, certificates: Path | None = None, advance: Callable[[],
     more = [point for curve in done for point in (curve.efficient, *curve.held) if point is not None]
     seconds = sum(point.bound.seconds for point in (*more, *(one for curve in done for one in (curve.free, *curve.points))))
     shown = planned.shown or tuple(sorted({choice.fuel for choice in choices if choice.node} or {choice.fuel for choice in choices}))[-2:]
-    return FuelSweep(planned.study, modes, planned.settings, done, choices, shown, seconds, planned.notes)
+    zero = next((curve.posed for curve in done if curve.kind.zeros == 0), None)
+    weights = critical_weights(zero) if planned.weights and zero is not None else ()
+    return FuelSweep(planned.study, modes, planned.settings, done, choices, shown, seconds, planned.notes, weights)
 
 
 def _held(planned: Plan, curve: Curve, modes: Modes, certificates: Path | None) -> Curve:

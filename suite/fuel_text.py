@@ -62,6 +62,12 @@ def lines(done: FuelSweep) -> Iterator[str]:
         yield _choice(done, choice)
     for curve in done.curves:
         yield from _form(done, curve)
+    own = next((weight for weight in done.weights if weight.displacement == abs(done.study.maneuver.displacement)), None)
+    if own is not None:
+        yield (
+            f"ZV: by T + α·fuel more fuel than that of node 1 pays only below α_crit = {own.alpha:.6f} s per {done.unit} "
+            "(from proven times beside the node)"
+        )
     for curve in done.curves:
         yield from _turned(done, curve)
         short = [point for point in curve.points if point.status == "impossible"]

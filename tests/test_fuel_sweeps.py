@@ -10,24 +10,18 @@ from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from independent_limits import Limited
 
-from relaxations.bounds import Bound, Status
 from relaxations.checking.claims import Outcome, check
-from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant, exact
-from relaxations.shaping.sensitivity import residual
-from relaxations.spending import least_fuel
-from relaxations.transition_fuels import nodes, reason_against
 from suite.cli import main
 from suite.fuel_plans import FuelError, kinds, spread, written
-from suite.fuel_records import Curve, Kind, Point, Pulses
+from suite.fuel_records import Kind, Pulses
 from suite.sweeps import extrapolated
 
 STUDIES = Path(__file__).parents[1] / "suite" / "studies"
@@ -329,71 +323,10 @@ def test_a_line_through_the_last_two_is_the_guess() -> None:
     assert extrapolated([(Fraction(3), 40.0), (Fraction(2), 5.0)], Fraction(1)) == 5.0  # a line that would be below half
 
 
-def curve_of(times: Sequence[tuple[float, float]]) -> Curve:
-    def bound(time: float) -> Bound:
-        return Bound(Status.PROVED, time, time, np.zeros(0), None, None, None, 0, 0.0)
-
-    points = tuple(Point(exact(fuel), bound(time)) for fuel, time in times)
-    return Curve(Kind("zv", 0), cast(Any, SimpleNamespace()), points[-1], points)
-
-
-def test_knees_are_where_less_fuel_suddenly_costs_more() -> None:
-    fuels = [round(1 + 0.05 * i, 2) for i in range(101)]
-    rigid = curve_of([(u, 20 / u + u / 2) for u in fuels])
-    assert rigid.knees == ()  # it bends the more the less fuel there is
-    bent = curve_of([(u, 20 / u + u / 2 + 2 * max(3.0 - u, 0.0) ** 0.5) for u in fuels])
-    assert [float(knee.fuel) for knee in bent.knees] == [3.0]
-    many = curve_of([(u, 20 / u + u / 2 + sum(2 * max(at - u, 0.0) ** 0.5 for at in (1.5, 2.0, 2.5, 3.0, 3.5, 4.0))) for u in fuels])
-    assert len(many.knees) == 4  # the clearest ones, from more fuel to less
-    assert all(a.fuel > b.fuel for a, b in pairwise(many.knees))
-
-
 def test_without_a_word_the_pictures_go_to_a_folder_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert run(study_file(tmp_path, LAG, displacement="1.0"), "--from", 1.1, "--to", 1.2, "--points", 2).exit_code == 0
     assert {path.name for path in (tmp_path / "study-fuel").iterdir()} == {"fuel.html", "fuel.json", "slew-time.svg", "switches-rb.svg"}
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_nodes_are_commands_of_two_pulses_that_leave_nothing(seed: int) -> None:
-    """Checked against the residual of their four impulses, and the double integral of two pulses."""
-    rng = np.random.default_rng([2026, seed])
-    omega, mass, distance, limit = (exact(f"{x:.3g}") for x in rng.uniform(0.5, 4.0, 4))
-    plant = LinearPlant.from_modes(1 / mass, [(omega, 0, exact(f"{rng.uniform(-2, 2):.3g}"))])
-    posed = problem([plant], Maneuver(distance, Limits.of(-limit, limit)))
-    found = nodes(posed, 0.0, math.inf)
-    assert reason_against(posed) is None
-    for node in found:
-        width = node.fuel / (2 * float(limit))
-        times = [0.0, width, node.second, node.second + width]
-        assert times[-1] == pytest.approx(node.maneuver_time, rel=1e-14)
-        assert width <= node.second * (1 + 1e-12)
-        assert float(residual(times, [1, -1, -1, 1], float(omega), 0.0)[0]) <= 1e-12 * node.number
-        assert float(limit) * width * node.second / float(mass) == pytest.approx(float(distance), rel=1e-13)
-        assert node.fuel == pytest.approx(float(mass * omega * distance) / (node.number * math.pi), rel=1e-14)
-    assert len(found) == 50 or found == ()
-
-
-@pytest.mark.parametrize(
-    ("plant", "limits", "words"),
-    [
-        (LinearPlant.from_modes(1, [(1, "0.01", 1)]), ("-1", "1"), "no damping, not 0.01"),
-        (LinearPlant.from_modes(1, [(1, 0, 1), (2, 0, 1)]), ("-1", "1"), "one flexible mode, not 2"),
-        (LinearPlant.from_modes(1, [(1, 0, 1)]), ("-1", "2"), "as far from the input at rest on both sides"),
-        (LinearPlant.from_transfer([1], [1, 1, 1, 0]), ("-1", "1"), "a mass"),
-    ],
-)
-def test_where_there_is_no_closed_form_it_says_why(plant: LinearPlant, limits: tuple[str, str], words: str) -> None:
-    posed = problem([plant], Maneuver(Fraction(1), Limits.of(*limits)))
-    assert words in (reason_against(posed) or "")
-    assert nodes(posed, 0.0, 9.0) == ()
-
-
-def test_the_least_fuel() -> None:
-    lag = problem([LinearPlant.from_transfer([1], [1, 1, 0])], Maneuver(Fraction(3), Limits.of(-1, 1)))
-    assert least_fuel(lag) == pytest.approx(3.0, rel=1e-6)  # ∫u adds up to the displacement
-    mass = problem([LinearPlant.from_transfer([1], [1, 0, 0])], Maneuver(Fraction(3), Limits.of(-1, 1)))
-    assert least_fuel(mass) is None  # the less, the longer it takes
 
 
 # Against another program, and machines of every kind that is shipped.
