@@ -13,6 +13,7 @@ from relaxations.bounds import Bound
 from relaxations.cancelling.answers import output, tail_length, zero_sensitivities
 from relaxations.cancelling.conditions import Conditions
 from relaxations.cancelling.forms import DEFAULT, Form
+from relaxations.cancelling.monotone import least_monotone
 from relaxations.cancelling.prefilters import Prefilter
 from relaxations.cancelling.requests import Request, cancelling
 from relaxations.errors import ImpossibleShaperError, RelaxationsError
@@ -48,7 +49,11 @@ class Asked:
 
 @dataclass(frozen=True, slots=True)
 class Designed:
-    """The filter of a study's plant, what was asked, and the bracket of any command within the study's limits."""
+    """The filter of a study's plant, what was asked, and the bracket of any command within the study's limits.
+
+    `residual`: the largest |G_f| at a pole that it cancels, over its gains; `tail` [s]: how long it is; `zeros`: what they leave elsewhere;
+    `least` [s]: for which it is proven that no filter with a monotone answer is as short, where one was asked for.
+    """
 
     study: Study
     plant: LinearPlant
@@ -58,6 +63,7 @@ class Designed:
     residual: float
     tail: float
     zeros: dict[str, float]
+    least: float | None = None
 
     @property
     def displacement(self) -> float:
@@ -74,6 +80,7 @@ class Designed:
             "residual": self.residual,
             "bounded": self.request.bounds.levels is not None,
             "minimum_time": {"status": self.bound.status.name.lower(), "lower": self.bound.lower, "upper": self.bound.upper},
+            "least_monotone": self.least,
             "tail_length": {"within": SETTLED, "time": self.tail},
             "zero_sensitivity": self.zeros,
         }
@@ -84,6 +91,8 @@ class Designed:
         yield f"duration: {self.prefilter.duration!r} s: the shortest of its form that was found"
         task = f"any command within the limits: [{self.bound.lower!r}, {upper}] s: {self.bound.status.name.lower()}"
         yield task if self.request.bounds.levels is not None else f"{task} (this filter is not held within them)"
+        if self.least is not None:
+            yield f"no filter that never turns back is as short as {self.least!r} s, with any number of delays: proved"
         yield f"left of the poles that it cancels: {self.residual:.2g} of its gains (measured)"
         if self.prefilter.terms:
             yield f"the tail is within {SETTLED:.0%} of the largest input {self.tail:.4g} s after the last delay (measured)"
@@ -106,10 +115,12 @@ def designed(file: Path, asked: Asked) -> Designed:
     except RelaxationsError as problem:
         raise SuiteError(f"{file}: {problem}") from None
     size = sum(map(abs, prefilter.gains)) + sum(abs(term.gain) for term in prefilter.terms)
-    poles = Conditions.of(plant, request.robustness, request.zeros).poles
-    left = max((abs(complex(prefilter(pole.value))) for pole in poles), default=0.0) / size
+    conditions = Conditions.of(plant, request.robustness, request.zeros)
+    left = max((abs(complex(prefilter(pole.value))) for pole in conditions.poles), default=0.0) / size
+    least = least_monotone(conditions, prefilter.duration) if request.bounds.monotone else None
     bound = minimum_time(pose(study, plant))
-    return Designed(study, plant, request, prefilter, bound, left, tail_length(prefilter, SETTLED), zero_sensitivities(plant, prefilter))
+    lasting, zeros = tail_length(prefilter, SETTLED), zero_sensitivities(plant, prefilter)
+    return Designed(study, plant, request, prefilter, bound, left, lasting, zeros, least)
 
 
 def _asking(study: Study, asked: Asked) -> Study:
