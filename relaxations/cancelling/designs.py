@@ -29,6 +29,7 @@ GRID = {1: 2000, 2: 140}  # delays on a side
 DRAWS = 1 << 13  # of more delays
 STARTS, TRIES = 400, 24  # of Newton's method, and of the minimisation
 APART = 1e-6  # of the duration: delays closer than this are one
+MOST = 10  # delays that are free: half a minute of minimisation
 SLACK = 1e-9  # of the gains' size: closer to 0 is 0
 MARGIN = 1e-9  # of the bounds' size: what is minimised stays so far inside, and is then moved onto the bounds it has reached
 ROUNDED = 1e-13  # of the size of what is summed: how far beyond a bound rounding may take it
@@ -67,6 +68,9 @@ def design(structure: Structure) -> Prefilter:
         raise ShaperError(f"{structure.counted} and {_delays(structure.form.delays)}; {UNBOUNDED}")
     if structure.contradiction is not None:
         raise ImpossibleShaperError(structure.contradiction)
+    if structure.form.delays > MOST:
+        asked = f"filters of more than {MOST} free delays are not looked for, and {structure.form.delays} were asked for"
+        raise ShaperError(f"{asked}: give their instants or a sample time, or ask for the fastest command of all, a time-optimal one")
     horizon, fine = 0.0, structure.fine
     for window in WINDOWS:
         horizon = window * natural_time(structure)
