@@ -86,6 +86,7 @@ class Bound:
     dual: programs.GridSolution | Extremal | Costate | None = None
     above: programs.GridSolution | None = None
     certificate: bytes | None = None
+    free: tuple[float, float | None] | None = None  # of a form that is held: the bracket of all commands
 
     @property
     def gap(self) -> float | None:

@@ -234,6 +234,7 @@ def problem(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Problem:
         raise ManeuverError("a tail length (time from 0 on, fraction from 0 to 1) needs an output rest, tail = true")
     sampling, begin = _sampling(plants, maneuver), _begin(plants, maneuver)
     sensible_pulses(maneuver)
+    _sensible_form(maneuver)
     holds = {plant.rest_input(maneuver.displacement) for plant in plants}
     if len(holds) != 1:
         raise ManeuverError(f"the plants share one command and so one final rest input, but ask for {sorted(map(float, holds))}")
@@ -293,6 +294,13 @@ def sensible_pulses(maneuver: Maneuver) -> None:
             "limits of pulses belong to a state rest, at any instants: no tail, which decays (thrusters are on or off), and no sample "
             "time, for three levels on samples are finitely many commands, and bring a mode to rest by coincidence only"
         )
+
+
+def _sensible_form(maneuver: Maneuver) -> None:
+    """Raise `ManeuverError` where a form is held that does not go with the task."""
+    other = maneuver.tail or maneuver.box or maneuver.sample_time is not None or maneuver.initial is not None
+    if maneuver.limits.held and (other or maneuver.limits.rate is not None or maneuver.limits.deflection):
+        raise ManeuverError("pulses one way, then the other (type = 1) lead from rest to state rest of one plant, at any instants")
 
 
 def _begin(plants: Sequence[LinearPlant], maneuver: Maneuver) -> Reals | None:

@@ -17,7 +17,7 @@ COLOURS, STYLES = (LINE, SECOND, FOURTH, INK), "os^D"
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One motion, in per cent of the move: `worst` and `rms` at each size of error (n,), `each` for a millisecond of each instant (m,)."""
+    """One motion, in per cent of the move: `worst` and `rms` at each size of error (n,), `each` for a small error of each instant (m,)."""
 
     label: str
     worst: Sequence[float]
@@ -31,12 +31,13 @@ def timing_errors(
     *,
     errors: Sequence[float],
     instants: Sequence[float],
+    each: str,
     command: tuple[Sequence[float], Sequence[float], float],
     command_label: str,
     limit: Limit | None,
 ) -> str:
-    """Three panels over one another: the command (instants of its steps, levels from them on, level at rest), what a millisecond of each
-    instant does, and what is left against the size of the errors [s], the worst and the root mean square, on logarithmic axes."""
+    """Three panels over one another: the command (instants of its steps, levels from them on, level at rest), what `each` (ms, µs) of an
+    instant's error does, and what is left against the size of the errors [s], the worst and the root mean square, on logarithmic axes."""
     for curve in curves:
         if not (len(curve.worst) == len(curve.rms) == len(errors) and len(curve.each) == len(instants)):
             raise RecordError(f"{curve.label}: {len(errors)} sizes of error and {len(instants)} instants need as many values each")
@@ -55,16 +56,16 @@ def timing_errors(
         floor = max(min((size for size in sizes if size > 0.0), default=1.0), 1e-6 * max(sizes, default=1.0)) / 2
         for number, curve in enumerate(curves):
             colour, marker = COLOURS[number % 4], STYLES[number % 4]
-            each = np.array(curve.each)
-            seen = each > floor
+            effects = np.array(curve.each)
+            seen = effects > floor
             places = (np.array(instants) + (number - (len(curves) - 1) / 2) * 0.006 * span)[seen]  # beside one another
-            middle.vlines(places, floor, each[seen], color=colour, linewidth=1.3)
-            middle.plot(places, each[seen], marker, color=colour, markersize=3.5, label=curve.label)
+            middle.vlines(places, floor, effects[seen], color=colour, linewidth=1.3)
+            middle.plot(places, effects[seen], marker, color=colour, markersize=3.5, label=curve.label)
             below.plot(errors, curve.worst, color=colour, linewidth=1.6, label=f"{curve.label}: no instant errs by more, worst: proven")
             below.plot(errors, curve.rms, color=colour, linestyle=(0, (5, 2)), linewidth=1.0, label=f"{curve.label}: this jitter, rms")
         middle.set_yscale("log")
         middle.set_ylim(bottom=floor)
-        middle.set_ylabel("for each ms [% of move]")
+        middle.set_ylabel(f"for each {each} [% of move]")
         middle.set_xlabel("time [s]")
         if limit is not None:
             below.axhline(limit.value, color=LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)

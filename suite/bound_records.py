@@ -18,4 +18,6 @@ def bound_record(bound: Bound, command: Command | None, rest: float, certificate
         "certificate": certificate,
         "seconds": round(bound.seconds, 6),
     }
+    if bound.free is not None:
+        found["free"] = {"lower": bound.free[0], "upper": bound.free[1]}
     return found if bound.reason is None else {**found, "reason": bound.reason}

@@ -145,7 +145,7 @@ def show_bound(done: Bracketed) -> None:
     if made.cancelled is not None:
         console.print("through the filter:")
         console.print(command_table(made.cancelled.command, study.plant.input_unit))
-    own = made.notes if made.cancelled is not None else ()
+    own = made.notes if made.cancelled is not None or made.bound.free is not None else ()
     for note in dict.fromkeys((*study.notes, *own, *made.plant.notes, *made.problem.notes)):
         console.print(f"note: {escape(note)}", soft_wrap=True)
     if done.certificate is not None:

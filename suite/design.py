@@ -12,6 +12,7 @@ from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError, PlantError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
+from relaxations.onoff.held import towards
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
 from relaxations.varying import resampled, varying_problem
@@ -55,6 +56,8 @@ class Design:
         """What a reader should know about the command."""
         if self.shaped is not None and self.command is not None:
             return (self._told_of(self.shaped),)
+        if self.bound.free is not None:
+            return (_told_of_form(self.bound),)
         if self.cancelled is not None and self.command is not None:
             return (self._told_of_filter(self.cancelled),)
         if self.sampled is None or self.sampled.upper is None or self.bound.lower <= 0.0:
@@ -93,8 +96,44 @@ class Design:
         )
 
 
+def _enough_pulses(study: Study, plant: LinearPlant) -> None:
+    """Raise `StudyError` where there are fewer pulses than integrators: no command has them, whatever its time."""
+    pulses, order = study.limits.pulses, plant.rigid_order
+    if pulses is None or pulses >= order or study.maneuver.initial_state is not None or study.plant.schedule is not None:
+        return
+    why = f"cannot bring a plant with {order} integrators from rest to rest: its input changes sign {order - 1} times at least"
+    raise StudyError(str(study.file), [Mistake("limits.pulses", pulses, f"{why}, which takes {order} pulses")])
+
+
+def _told_of_form(bound: Bound) -> str:
+    """What family the bracket is about, and what holding the form costs."""
+    about = "the bracket is about commands whose pulses go towards the target first, and then against it (type 1), and no others"
+    assert bound.free is not None
+    lower, upper = bound.free
+    if bound.upper is None or upper is None or not upper > 0.0:
+        return f"{about[0].upper()}{about[1:]}."
+    least, most = max(bound.lower - upper, 0.0), max(bound.upper - lower, 0.0)
+    if most <= 1e-9 * upper:
+        return f"{about[0].upper()}{about[1:]}; the fastest of all commands is one of them, so the form costs nothing."
+    span = f"{least:.6g} to {most:.6g} s ({least / upper:.2%} to {most / upper:.2%})"
+    return f"{about[0].upper()}{about[1:]}; the fastest of all takes {lower:.9g} to {upper:.9g} s, so the form costs {span}."
+
+
+def _held(study: Study, plant: LinearPlant) -> int:
+    """The side ±1 of the first pulses, where the form is held; raises `StudyError` if the plant cannot be moved so."""
+    if study.command.type != 1:
+        return 0
+    try:
+        return towards(plant, Fraction(study.maneuver.displacement))
+    except ManeuverError as refused:
+        efficient = study.command.kind == "fuel-efficient"
+        place, value = ("command.kind", study.command.kind) if efficient else ("command.type", 1)
+        raise StudyError(str(study.file), [Mistake(place, value, str(refused))]) from None
+
+
 def pose(study: Study, plant: LinearPlant) -> Problem:
     """The equations and limits that the study asks of `plant`; raises `StudyError` if the maneuver is refused."""
+    _enough_pulses(study, plant)
     limits, length, robust = study.limits, study.limits.tail_length, study.command.robustness
     maneuver = Maneuver(
         Fraction(study.maneuver.displacement),
@@ -106,6 +145,7 @@ def pose(study: Study, plant: LinearPlant) -> Problem:
             limits.pulses,
             {plant.output if name == study.plant.output else name: Fraction(limit) for name, limit in limits.deflection.items()},
             limits.rate and (Fraction(limits.rate[0]), Fraction(limits.rate[1])),
+            _held(study, plant),
         ),
         Fraction(study.plant.initial_input),
         0 if robust == "box" else robust,

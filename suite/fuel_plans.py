@@ -146,6 +146,8 @@ def plan(
     for fuel in asked:
         if not low <= fuel <= high:
             raise FuelError(f"--show {written(fuel)} is outside the sweep, {written(low)} to {written(high)}")
+    if study.command.type == 1:
+        notes.append("the sweep is one of commands of any form, not of the study's own")
     if study.command.robustness != 0:
         notes.append("the kinds replace the study's own robustness")
     return Plan(study, plant, posed, free, tuple(sorted(budgets)), tuple(asked), tuple(known), chosen, tuple(notes))
@@ -168,7 +170,7 @@ def _require(study: Study) -> None:
 
 def _posed(study: Study, plant: LinearPlant, kind: Kind) -> Problem:
     """The task of one kind without a budget; raises `StudyError`."""
-    command = replace(study.command, kind="time-optimal", robustness=kind.zeros or 0, tolerance=None, final_tolerance=None)
+    command = replace(study.command, kind="time-optimal", type=2, robustness=kind.zeros or 0, tolerance=None, final_tolerance=None)
     whole = pose(replace(study, command=command, limits=replace(study.limits, fuel=None), uncertainties=()), plant)
     if kind.zeros is not None or not plant.flexible:
         return whole

@@ -203,10 +203,11 @@ class CommandRequest:
 
     `robustness` may count them mode by mode (`{"mode[2]": 1, "real[1]": 1}`), or be "box": every plant of the box may keep a residual of
     `tolerance`, a fraction of the displacement, and come to rest up to `final_tolerance` of it from the target (None: anywhere). With
-    `tail` only the output has to rest. The command begins `start` seconds after the beginning of a run.
+    `tail` only the output has to rest. Of `type` 1 are pulses towards the target first, then pulses against it; 2 is any order. The
+    command begins `start` seconds after the beginning of a run.
     """
 
-    kind: Literal["time-optimal", "shaper", "pole-zero", "file"] = "time-optimal"
+    kind: Literal["time-optimal", "fuel-efficient", "shaper", "pole-zero", "file"] = "time-optimal"
     robustness: int | Mapping[str, int] | Literal["box"] = 0
     tail: bool = False
     tolerance: Decimal | None = None
@@ -216,6 +217,7 @@ class CommandRequest:
     given: Command | None = None
     shaper: ShaperRequest | None = None
     cancelling: CancellingRequest | None = None
+    type: int = 2
 
 
 @dataclass(frozen=True, slots=True)

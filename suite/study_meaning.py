@@ -9,7 +9,7 @@ from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from fmus.confinement import MEBIBYTE, Confinement
 from fmus.errors import FmuError
@@ -27,6 +27,7 @@ from suite.starts import run_mistakes
 from suite.study import GRID, CommandRequest, Limits, Maneuver, Plant, Requirement, Simulation, Study, Uncertainty
 from suite.study_cancelling import understand_cancelling
 from suite.study_file import printable
+from suite.study_form import profile
 from suite.study_plant import PlantNames, description, understand_plant
 from suite.study_rules import contradictions, unsupported
 from suite.study_shaper import read_command, understand_shaper
@@ -197,7 +198,9 @@ def _command(written: schema.Command, folder: Path, names: PlantNames | None, mi
         with_tail = written.tail is not False
         return filtered and CommandRequest("pole-zero", written.robustness or 0, with_tail, start=start, cancelling=filtered)
     tolerance, final = (written.tolerance, written.final_tolerance) if written.robustness == "box" else (None, None)
-    return CommandRequest("time-optimal", written.robustness or 0, bool(written.tail), tolerance, final, start)
+    kind: Literal["time-optimal", "fuel-efficient"] = "fuel-efficient" if written.kind == "fuel-efficient" else "time-optimal"
+    form = profile(written)
+    return CommandRequest(kind, written.robustness or 0, bool(written.tail), tolerance, final, start, type=form)
 
 
 def _within(command: Command, file: str | None, limits: schema.Limits, plant: Plant | None, mistakes: list[Mistake]) -> None:

@@ -15,6 +15,8 @@ from suite.timings import Left, Timing, TimingError
 
 POINTS = 13  # of the curves of worst errors
 DECADES = 2.0  # that they reach below the largest error
+MOST_COLUMNS, MOST_CURVES = 6, 4  # motions in the table of instants, and in the picture
+SMALL = ((1e-1, 1e-3, "ms"), (1e-4, 1e-6, "µs"), (0.0, 1e-9, "ns"))  # moves that last as long: what an error is counted in [s]
 
 
 def drawable(path: Path) -> None:
@@ -29,12 +31,18 @@ def unit_of(done: Timing, one: Left) -> str:
     return base + {0: "", 1: "/s"}.get(one.motion.unit, f"/s^{one.motion.unit}")
 
 
+def small(done: Timing) -> tuple[float, str]:
+    """A small time [s] for a move of this duration, and what it is called."""
+    return next((size, name) for least, size, name in SMALL if done.command.maneuver_time >= least)
+
+
 def show(done: Timing, plot: Path | None) -> None:
     """Two tables: what is left of each motion, and what each instant does to it."""
     console, asked = out(), done.asked
+    (size, each), seen = small(done), done.left[:MOST_COLUMNS]
     console.print(escape(done.study.title or done.study.file.stem))
     shown = Table()
-    columns = ["left at T", "unit", "as planned", "rms for each ms of jitter"]
+    columns = ["left at T", "unit", "as planned", f"rms for each {each} of jitter"]
     columns += ["delayed"] * bool(asked.on or asked.off)
     columns += ["rms, first order", "95 % below", f"largest of {asked.samples}"] * bool(asked.jitter)
     columns += ["worst, proved"] * bool(asked.within)
@@ -42,7 +50,7 @@ def show(done: Timing, plot: Path | None) -> None:
         words = column in ("left at T", "unit")
         shown.add_column(escape(column), justify="left" if words else "right", no_wrap=words)
     for one in done.left:
-        row = [one.motion.name, unit_of(done, one), _rounding(done, one.planned), f"{one.per_second * 1e-3:.4g}"]
+        row = [one.motion.name, unit_of(done, one), _rounding(done, one.planned), f"{one.per_second * size:.4g}"]
         row += [_rounding(done, one.delayed)] * bool(asked.on or asked.off)
         if one.rms is not None and one.drawn is not None:
             sizes = np.abs(one.drawn)
@@ -56,15 +64,17 @@ def show(done: Timing, plot: Path | None) -> None:
     if done.planned != done.happening:
         shown.add_column("happens [s]", justify="right")
     shown.add_column(escape(f"jump [{done.study.plant.input_unit or '1'}]"), justify="right")
-    for one in done.left:
-        shown.add_column(escape(f"{one.motion.name} [{unit_of(done, one)}] for each ms"), justify="right")
+    for one in seen:
+        shown.add_column(escape(f"{one.motion.name} [{unit_of(done, one)}] for each {each}"), justify="right")
     for i, (planned, late) in enumerate(zip(done.planned, done.happening, strict=True)):
         row = [f"{planned.instant:.10f}"] + [f"{late.instant:.10f}"] * (done.planned != done.happening) + [f"{planned.jump:+.6g}"]
-        for one in done.left:
-            slope = one.slopes[i] * 1e-3
+        for one in seen:
+            slope = one.slopes[i] * size
             row.append(f"{abs(slope) * one.motion.factor:.4g}" if one.motion.flexible else f"{slope.real + 0.0:+.4g}")
         shown.add_row(*map(escape, row))
     console.print(shown)
+    if len(done.left) > len(seen):
+        console.print(f"{len(done.left) - len(seen)} more modes: what each instant does to them is in --json")
     for line in lines(done):
         console.print(escape(line), soft_wrap=True)
     if plot is not None:
@@ -119,17 +129,19 @@ def picture(done: Timing) -> str:
     from reports.timing_charts import Curve, timing_errors
 
     command, happening = done.command, done.happening
-    shown = [one for one in done.left if not one.motion.unit]
+    places = [one for one in done.left if not one.motion.unit]
+    largest = sorted(places, key=lambda one: one.per_second)[-MOST_CURVES:]
+    shown = [one for one in places if any(one is other for other in largest)]
     free = timing.room(happening) / 2
     most = min(free if math.isfinite(free) else command.maneuver_time / 2, command.maneuver_time / 10)
     errors = np.geomspace(most * 10.0**-DECADES, most * (1 - 1e-9), POINTS)
-    share = 100.0 / done.scale
+    share, (size, each) = 100.0 / done.scale, small(done)
     curves = [
         Curve(
             one.motion.name,
             [share * worst(one.motion, happening, command.end, float(error)).bound for error in errors],
             [share * timing.root_mean_square(one.motion, happening, command.end, float(error)) for error in errors],
-            [share * 1e-3 * abs(slope) * one.motion.factor for slope in one.slopes],
+            [share * size * abs(slope) * one.motion.factor for slope in one.slopes],
         )
         for one in shown
     ]
@@ -145,6 +157,7 @@ def picture(done: Timing) -> str:
             curves,
             errors=errors.tolist(),
             instants=[event.instant for event in happening],
+            each=each,
             command=(edges, levels, float(plant.initial_input)),
             command_label=f"{plant.input} [{plant.input_unit}]" if plant.input_unit else plant.input,
             limit=limit,

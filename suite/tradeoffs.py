@@ -202,6 +202,8 @@ def plan(study: Study, tolerances_: str | None = None, widths_: str | None = Non
     mistakes, notes = [], []
     if study.command.kind != "time-optimal":
         mistakes.append(Mistake("command.kind", study.command.kind, "a trade-off is one of time-optimal commands"))
+    if study.command.type == 1:
+        mistakes.append(Mistake("command.type", 1, "a trade-off is one of commands of any form"))
     if study.command.tail:
         why = "a trade-off is about residuals of every plant of a box, and a tail hides in the zeros of one plant only"
         mistakes.append(Mistake("command.tail", True, why))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from fractions import Fraction
-from functools import cache
 from typing import Any
 
 import numpy as np
 import rfc8785
 from independent import StateSpace
 from problems import chain
+from proving import found_once
 
 from fmus.twins import linear_plant, read_twin, twin_family
 from relaxations.bounds import Bound
@@ -50,7 +50,6 @@ def axis(name: str, width: str, nominal: str = "1") -> Axis:
     return Axis(name, middle, middle * (1 - Fraction(width)), middle * (1 + Fraction(width)))
 
 
-@cache
 def robust(displacement: str, tolerance: str, *axes: Axis, damping: str = "0") -> Bound:
     family = twin_family(TWIN, "x2", [a.name for a in axes], {"damping": damping})
     maneuver = Maneuver(Fraction(displacement), Limits.of(-1, 1), box=Box(axes, family, Fraction(tolerance)))
@@ -86,7 +85,7 @@ TOW = transfer(["k"], [ONE], [ONE, {(0,): "0.2"}, K])
 def fastest(family: Family | Listed, *axes: Axis, displacement: str = "0.5", tolerance: str = "0.05", final: str | None = None) -> Bound:
     box = Box(axes, family, Fraction(tolerance), final_tolerance=None if final is None else Fraction(final))
     plant = family.member([a.nominal for a in axes])
-    return minimum_time(problem([plant], Maneuver(Fraction(displacement), Limits.of(-1, 1), box=box)))
+    return found_once(problem([plant], Maneuver(Fraction(displacement), Limits.of(-1, 1), box=box)))
 
 
 def upper_of(bound: Bound) -> float:
@@ -130,9 +129,8 @@ DAMPING: Ranges = (("mode[1].damping", "0", "0.2"),)
 ZERO: Ranges = (("zero[1]", "0.8", "1.25"),)
 
 
-@cache
 def tolerant(name: str, ranges: Ranges, displacement: str, tolerance: str = "0.05", final: str | None = None) -> Bound:
     plant = PLANTS[name]
     axes = tuple(moved.axis(plant, name, Fraction(low), Fraction(high)) for name, low, high in ranges)
     box = Box(axes, moved.moved(plant, axes), Fraction(tolerance), final_tolerance=None if final is None else Fraction(final))
-    return minimum_time(problem([plant], Maneuver(Fraction(displacement), Limits.of(-1, 1), box=box)))
+    return found_once(problem([plant], Maneuver(Fraction(displacement), Limits.of(-1, 1), box=box)))

@@ -174,7 +174,7 @@ MALFORMED = {
     "B and C have n numbers": lambda d: d["task"]["schedule"]["C"][0].append("0"),
     "A is n×n": lambda d: d["task"]["schedule"]["A"][0].pop(),
     "one plant, or one that varies": lambda d: d["task"].update(schedule=None),
-    "comes to a rest of its state": lambda d: d["task"]["limits"].update(pulses=2),
+    "comes to a rest of its state": lambda d: d["task"].update(rest="output"),
     "no rest at the target, or more": lambda d: d["task"]["schedule"].update(C=[["0", "0"]] * 2),
     "is none at an instant": lambda d: d["task"]["schedule"].update(A=[[["0", "1"], ["1", "0"]], [["0", "1"], ["0", "0"]]]),
     "exclude the input": lambda d: d["task"]["limits"].update(input=["0.5", "1"]),

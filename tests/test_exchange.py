@@ -12,6 +12,7 @@ import pytest
 from event_plants import KINDS, build_event_plant
 from fault_plants import FAULTS, build_fault
 from fmpy.validation import validate_fmu
+from marks import in_turn
 from test_workers import BANG, EXPECTED, PATIENCE, experiment, finished, two_masses
 
 from fmus.build import FmiVersion, build
@@ -110,9 +111,8 @@ def test_fmpy_s_own_solver_finds_the_same_events(version: FmiVersion, tmp_path: 
     assert done.values[:, 2].tolist() == theirs["count"].tolist()
 
 
-@pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize(
-    "fault", sorted({*FAULTS} - {"flood", "fixed_step", "leak", "fill"})
+    ("fault", "version"), in_turn(sorted({*FAULTS} - {"flood", "fixed_step", "leak", "fill"}))
 )  # the last two: limits of the process, whatever runs in it
 def test_every_fault_is_a_status_here_too(fault: str, version: FmiVersion, worker: Worker) -> None:
     timeout = 1.5 if fault == "hang" else PATIENCE

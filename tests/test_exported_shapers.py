@@ -13,6 +13,7 @@ from fmpy import simulate_fmu
 from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from independent_shaping import known_shapers, shaped
+from marks import slow
 from raw_fmus import RawFmu
 
 from fmus.archives import open_archive
@@ -54,7 +55,7 @@ def independent(shaper: Shaper, reference: Callable, times: list[float], rest: f
     return [shaped(shaper, reference, times, t, rest) for t in times[1:]]
 
 
-@pytest.mark.parametrize("linear", [False, True])
+@pytest.mark.parametrize("linear", [False, slow(True)])
 @pytest.mark.parametrize("name", SHAPERS)
 def test_shapes_any_reference_at_any_steps(fmus: Fmus, name: str, linear: bool, tmp_path: Path) -> None:
     times, values = steps(len(name))

@@ -10,6 +10,7 @@ from typing import Literal
 import pytest
 from fault_plants import FAULTS, build_fault
 from hostile_fmus import NAMES, hostile
+from marks import in_turn
 from test_workers import PATIENCE, experiment, finished
 
 from fmus.build import build
@@ -25,8 +26,7 @@ def test_every_fault_has_a_row() -> None:
     assert {*FAULTS, *NAMES} == set(ROWS)
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-@pytest.mark.parametrize("name", sorted(ROWS))
+@pytest.mark.parametrize(("name", "version"), in_turn(sorted(ROWS)))
 def test_a_fault_ends_as_its_row_says(name: str, version: Literal["2.0", "3.0"], tmp_path: Path) -> None:
     if name == "leak" and sys.platform != "linux":
         pytest.skip("other systems do not enforce a limit of memory")

@@ -7,6 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from marks import first, slow
 from scipy.optimize import linprog
 
 from relaxations.checking.durations import Condition, none_as_short
@@ -28,8 +29,8 @@ def worst(found: Shortest, band: Band) -> float:
     return worst_residual(times, amplitudes, (low, high), (damping, damping), relative=1e-10).upper
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.05, 0.1, 0.3])
-@pytest.mark.parametrize(("low", "high", "tolerance"), [(0.8, 1.2, 0.05), (0.6, 1.4, 0.05), (0.95, 1.05, 0.02), (1.0, 1.0, 0.05)])
+@pytest.mark.parametrize("damping", [0.0, 0.05, slow(0.1), 0.3])
+@pytest.mark.parametrize(("low", "high", "tolerance"), first(1, [(0.8, 1.2, 0.05), (0.6, 1.4, 0.05), (0.95, 1.05, 0.02), (1.0, 1.0, 0.05)]))
 def test_the_tolerance_holds_over_the_whole_band_and_nothing_shorter_does(damping: float, low: float, high: float, tolerance: float):
     band = Band(Mode(2 * math.pi, damping), low, high, tolerance)
     found = specified([band])
@@ -40,8 +41,8 @@ def test_the_tolerance_holds_over_the_whole_band_and_nothing_shorter_does(dampin
     assert found.lower < found.shaper.duration
 
 
-@pytest.mark.parametrize("derivatives", [0, 1, 2])
-@pytest.mark.parametrize("damping", [0.0, 0.1, 0.4])
+@pytest.mark.parametrize("derivatives", [0, 1, slow(2)])
+@pytest.mark.parametrize("damping", [0.0, slow(0.1), 0.4])
 def test_of_one_mode_the_binomials_are_the_shortest(damping: float, derivatives: int):
     mode = Mode(3.0, damping)
     found, known = specified([], [(mode, derivatives)]), derivative_shaper(mode, derivatives)
@@ -51,7 +52,7 @@ def test_of_one_mode_the_binomials_are_the_shortest(damping: float, derivatives:
     assert found.lower == pytest.approx(known.duration, rel=PROVEN)
 
 
-@pytest.mark.parametrize("derivatives", [0, 1])
+@pytest.mark.parametrize("derivatives", [0, slow(1)])
 def test_several_modes_at_once_are_shorter_than_one_after_the_other(derivatives: int):
     modes = [Mode(1.0, 0.05), Mode(2.6, 0.02), Mode(1.7, 0.1)]
     found = specified([], [(mode, derivatives) for mode in modes])
@@ -88,7 +89,7 @@ def test_time_scales_with_frequency_and_tighter_demands_take_longer():
     assert durations == sorted(durations)
 
 
-@pytest.mark.parametrize(("modes", "tolerance"), [([Mode(1.0, 0.05), Mode(2.6, 0.02)], 0.0), ([Mode(1.0, 0.1)], 0.05)])
+@pytest.mark.parametrize(("modes", "tolerance"), first(1, [([Mode(1.0, 0.05), Mode(2.6, 0.02)], 0.0), ([Mode(1.0, 0.1)], 0.05)]))
 def test_an_independent_linear_program_agrees(modes: list[Mode], tolerance: float):
     """HiGHS on a grid of instants, with circles of tolerance as polygons of 64 sides around them: the root lies where it was found."""
     bands = [Band(mode, 0.85, 1.15, tolerance) for mode in modes] if tolerance else []

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_fmus import linear_fmu, made_fmu, steps_only
+from marks import first
 
 from fmus import probing
 from fmus.archives import Fmu, open_archive
@@ -124,7 +125,7 @@ def test_linear_plants_are_found_to_ten_digits(name: str, tmp_path: Path, worker
         assert transfer(found, s) == pytest.approx(transfer(by_equations, s), rel=1e-9)
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("version", first(1, ["3.0", "2.0"]))
 def test_the_shipped_plant_by_all_methods(version: str, tmp_path: Path, worker: Worker) -> None:
     path = build("two_mass", version)  # type: ignore[arg-type]
     changes = {"damping": 0.02, "stiffness": 1.7}
@@ -144,8 +145,7 @@ def test_the_shipped_plant_by_all_methods(version: str, tmp_path: Path, worker: 
         assert (plant.rigid_order, plant.is_unstable, plant.numerators["position_2"].degree()) == (2, False, 1)
 
 
-@pytest.mark.parametrize("torque", [0.0, 4.905])
-@pytest.mark.parametrize("variable", [True, False])
+@pytest.mark.parametrize(("torque", "variable"), first(1, [(4.905, True), (4.905, False), (0.0, True), (0.0, False)]))
 def test_a_pendulum_at_two_operating_points(torque: float, variable: bool, tmp_path: Path, worker: Worker) -> None:
     """s² + f s + g cos θ_0, and the output cos θ_0 θ; non-linear, so that responses are odd parts of small ones."""
     angle = math.asin(torque / 9.81)
@@ -180,7 +180,7 @@ def test_an_unstable_operating_point_is_looked_at_shortly(tmp_path: Path, worker
     assert found.plant("y").plant.is_unstable
 
 
-@pytest.mark.parametrize(("digits", "known"), [(6, 1e-6), (3, 2e-3)])
+@pytest.mark.parametrize(("digits", "known"), first(1, [(6, 1e-6), (3, 2e-3)]))
 def test_noise_of_the_output_costs_as_many_digits(digits: int, known: float, tmp_path: Path, worker: Worker) -> None:
     rounded = f"floor((p->a + p->b) * 1e{digits} + 0.5) / 1e{digits}"
     made = made_fmu(f"rounded{digits}", TWO_MODES.replace("OUTPUT", rounded), dict.fromkeys(("a", "va", "b", "vb"), 0.0))

@@ -184,10 +184,8 @@ def test_all_mistakes_come_at_once_in_the_order_of_the_sections(tmp_path: Path) 
 UNSUPPORTED_VALUES = {
     "plant.initial.state": "[plant.initial]\nstate = [1]",
     "limits.tail_length": "[limits]\ntail_length = { time = 1, within = 0.1 }",
-    "command.kind": '[command]\nkind = "fuel-efficient"',
     "command.final_tolerance": "[command]\nfinal_tolerance = 0.1\n",
     "command.tail": "[command]\ntail = true",
-    "command.type": "[command]\ntype = 1",
     "command.alpha": "[command]\nalpha = 0.1",
     "uncertainty.distribution": "[[uncertainty]]\nparameter = 'k'\ndistribution = { kind = 'uniform', lower = 1, upper = 2 }",
     "uncertainty.sampling": "[[uncertainty]]\nparameter = 'k'\nsampling = 'sobol'",

@@ -226,6 +226,7 @@ def test_every_place_is_a_key_of_the_schema() -> None:
             assert rest[1] in NESTED[rest[0]].model_fields, place
 
 
+@pytest.mark.slow
 def test_the_report_tells_what_was_written(tmp_path: Path) -> None:
     file = tmp_path / "study.toml"
     file.write_text(MIXED, encoding="utf-8")

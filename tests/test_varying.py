@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from marks import first, slow
 from scipy.optimize import root_scalar
 from scipy.special import airy
 from varying_plants import GROWING, HOISTING, STIFF_A, STIFF_B, STIFF_C, landed, posed, proven, random_plant, reaches, rest
@@ -27,9 +28,9 @@ DAMPED_A, DAMPED_B, DAMPED_C = [[0, 1, 0], [0, "-0.5", 1], [0, "-3", "-0.2"]], [
 @pytest.mark.parametrize(
     ("A", "B", "C", "displacement", "limits"),
     [
-        (SPRING_A, SPRING_B, SPRING_C, 1, Limits.of(-1, 1)),
+        slow(SPRING_A, SPRING_B, SPRING_C, 1, Limits.of(-1, 1)),
         (SPRING_A, SPRING_B, SPRING_C, 5, Limits.of(-1, 1, 4)),
-        (DAMPED_A, DAMPED_B, DAMPED_C, 2, Limits.of(-1, "0.7")),
+        slow(DAMPED_A, DAMPED_B, DAMPED_C, 2, Limits.of(-1, "0.7")),
         (STIFF_A, STIFF_B, STIFF_C, "0.5", Limits.of(-1, 1)),
         (STIFF_A, STIFF_B, STIFF_C, "-0.5", Limits.of(-1, "0.25")),
     ],
@@ -93,7 +94,7 @@ def test_the_transition_of_a_stiffening_spring_is_airys() -> None:
     np.testing.assert_allclose(sums, np.trapezoid(transition.rows(fine), fine, axis=1), atol=1e-8)
 
 
-@pytest.mark.parametrize("plant", [HOISTING, *(random_plant(seed) for seed in range(3))])
+@pytest.mark.parametrize("plant", first(2, [HOISTING, *(random_plant(seed) for seed in range(3))]))
 def test_the_command_lands_and_another_program_finds_none_that_is_shorter(plant: VaryingPlant) -> None:
     found, command, _ = proven(posed(plant, 2))
     starts, levels = (np.array([getattr(s, which) for s in command.segments]) for which in ("start", "level"))
@@ -117,7 +118,7 @@ def test_many_random_schedules(seed: int) -> None:
 
 def test_fuel_is_limited_and_more_of_it_is_never_slower() -> None:
     free, command, _ = proven(posed(HOISTING, 2))
-    found = [proven(posed(HOISTING, 2, fuel=fuel))[0] for fuel in ("2.9", "2.2", "1.5")]
+    found = [proven(posed(HOISTING, 2, fuel=fuel))[0] for fuel in ("2.9", "2.2")]
     assert command.fuel() > 2.9
     assert all(after.lower > before.upper for before, after in pairwise([free, *found]))  # type: ignore[operator]
     assert found[1].command is not None

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from forgery import changed, number, written
+from marks import slow
 from varying_plants import GROWING, HOISTING, STIFF_A, STIFF_B, STIFF_C, admits, asked_of, posed, proven
 
 from relaxations.checking.claims import Outcome, check, claim
@@ -116,7 +117,7 @@ SAMPLED = {
 }
 
 
-@pytest.mark.parametrize("which", SAMPLED)
+@pytest.mark.parametrize("which", [slow(which) if which in ("held", "outputs", "steps") else which for which in SAMPLED])
 def test_samples_are_counted_as_another_program_counts_them(which: str) -> None:
     plant, maneuver = SAMPLED[which]
     found, _, _ = proven(varying_problem(plant, replace(maneuver, sample_time=STEP)))
@@ -160,6 +161,7 @@ def test_limits_that_do_not_matter_change_nothing() -> None:
     assert check(content).certificate.task.limits.deflection.keys() == {"swing", "speed"}  # type: ignore[union-attr]
 
 
+@pytest.mark.slow
 def test_tighter_limits_are_never_faster() -> None:
     times = []
     for speed in ("0.9", "0.7", "0.5"):
@@ -210,7 +212,7 @@ def steeper(data: Any) -> None:
         ("content", steeper),
         ("content", tightened("deflection", "speed")),
         ("sloping", steeper),
-        ("coasting", tightened("deflection", "output_rate")),
+        slow("coasting", tightened("deflection", "output_rate")),
     ],
 )
 def test_a_command_beyond_a_limit_is_refuted(which: str, change: Callable[[Any], None], request: pytest.FixtureRequest) -> None:
@@ -219,7 +221,7 @@ def test_a_command_beyond_a_limit_is_refuted(which: str, change: Callable[[Any],
     assert check(changed(certificate, change)).outcome is Outcome.REFUTED
 
 
-@pytest.mark.parametrize("which", ["content", "sloping", "coasting"])
+@pytest.mark.parametrize("which", ["content", "sloping", slow("coasting")])
 def test_a_later_lower_side_is_not_proven(which: str, request: pytest.FixtureRequest) -> None:
     certificate = request.getfixturevalue(which)
 

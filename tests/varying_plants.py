@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from proving import found_once
 from scipy.integrate import solve_ivp
 from scipy.optimize import linprog
 
@@ -17,7 +18,7 @@ from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command
 from relaxations.maneuvers import Limits, Maneuver, Problem
 from relaxations.plants import Exact, exact
-from relaxations.proofs import REGULAR, minimum_time
+from relaxations.proofs import REGULAR
 from relaxations.transitions import VaryingPlant
 from relaxations.varying import varying_problem
 
@@ -189,7 +190,7 @@ STIFF_A, STIFF_B, STIFF_C = [[0, 1], [-1, 0]], [0, 1], [1, 0]  # held at its tar
 
 
 def proven(asked: Problem, gap: float = REGULAR) -> tuple[Bound, Command, bytes]:
-    found = minimum_time(asked)
+    found = found_once(asked)
     assert found.status is Status.PROVED, found.reason
     assert found.command is not None
     assert found.upper is not None

@@ -89,7 +89,7 @@ def held_time(
     general = Proof(lower if lower and accepted(task, lower=lower) else None)
     if fitting and upper and accepted(task, upper=upper):
         proof = replace(general, upper=upper, command=first.command, switches=first.switches)
-        return concluded(task, proof, first, time.perf_counter() - begun)
+        return replace(concluded(task, proof, first, time.perf_counter() - begun), free=(first.lower, first.upper))
     found: Fastest | None = None
     reason = None
     try:
@@ -108,7 +108,7 @@ def held_time(
     blank = replace(first, upper=None, command=None, switches=None, reason=reason)
     if found is not None and not limits.pulsed:
         blank = replace(blank, lower=first.lower, upper=found.maneuver_time, command=_command(problem, found), reason=reason)
-    return concluded(task, proof, blank, time.perf_counter() - begun)
+    return replace(concluded(task, proof, blank, time.perf_counter() - begun), free=(first.lower, first.upper))
 
 
 def _sides(first: Bound) -> tuple[Side | None, Side | None]:

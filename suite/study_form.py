@@ -1,0 +1,43 @@
+"""`command.type` and `kind = "fuel-efficient"`: what the form of pulses one way, then the other, does not go with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from suite import schema
+from suite.errors import ABSENT, Mistake
+
+HOLDS = {"fuel-efficient": 1}
+"""The form that a kind holds if none is named."""
+
+
+def profile(command: schema.Command) -> int:
+    """1: pulses towards the target first, then pulses against it; 2: any order."""
+    return command.type or HOLDS.get(command.kind, 2)
+
+
+def form_mistakes(study: schema.Written) -> Iterator[Mistake]:
+    """Mistakes between the form and other keys."""
+    command, limits = study.command, study.limits
+    if command is None:
+        return
+    if command.kind == "fuel-efficient" and command.type == 2:
+        yield Mistake("command.type", 2, 'contradicts kind = "fuel-efficient", which is type 1: pulses one way, then the other')
+    if command.kind == "fuel-efficient" and limits is not None and limits.fuel is not None:
+        why = 'contradicts kind = "fuel-efficient": that is the fastest command of its form, without a budget'
+        yield Mistake("limits.fuel", limits.fuel, f'{why}; kind = "time-optimal" with type = 1 holds the form within a budget')
+    if profile(command) != 1:
+        return
+    key = "command.type" if command.type is not None else "command.kind"
+    why = f"contradicts {key}: the form is held from rest to state rest of one plant, at any instants"
+    if command.tail:
+        yield Mistake("command.tail", True, why)
+    if command.robustness == "box":
+        yield Mistake("command.robustness", "box", f"{why}; valid are further zeros, 0, 1, 2 …")
+    if study.maneuver is not None and study.maneuver.initial_state is not None:
+        yield Mistake("maneuver.initial_state", ABSENT, why)
+    if study.plant is not None and study.plant.schedule is not None:
+        yield Mistake("plant.schedule", ABSENT, why)
+    for name in ("sample_time", "rate", "deflection") if limits is not None else ():
+        if (value := getattr(limits, name)) is not None:
+            yield Mistake(f"limits.{name}", ABSENT if name == "deflection" else value, why)
