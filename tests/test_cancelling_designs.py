@@ -128,6 +128,18 @@ def test_given_delays_are_taken() -> None:
     assert 0.0 <= min(several.gains) <= max(several.gains) <= 1.0 + 1e-9
 
 
+@pytest.mark.parametrize("speed", [1e-6, 1e6])
+def test_slow_and_fast_plants_have_the_same_filters(speed: float) -> None:
+    """Time is measured in the plant's own: (s + 1)(s + 2)/(s² + 2) and the pitch loop with s divided by the speed."""
+    one = LinearPlant.from_zeros_poles([-speed, -2 * speed], [[0, repr(2**0.5 * speed)], [0, repr(-(2**0.5) * speed)]], 1)
+    done = cancelling(one, Request(1, "last+step", bounds=Bounds(monotone=True)))
+    assert done.duration * speed == pytest.approx(1.1107207345, abs=DIGITS)
+    zeros, poles = ([[repr(r.value.real * speed), repr(i * speed)] for r in roots for i in {r.value.imag, -r.value.imag}]
+                    for roots in (PITCH.zeros, PITCH.poles))  # fmt: skip
+    done = cancelling(LinearPlant.from_zeros_poles(zeros, poles, "1e-3"), Request(2, "last+step", robustness=1))
+    assert np.array(done.delays[1:]) * speed == pytest.approx((2.2520627528, 4.8107659262), abs=DIGITS)
+
+
 @pytest.mark.parametrize(
     ("plant", "request_", "error", "words"),
     [

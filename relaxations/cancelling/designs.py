@@ -83,8 +83,8 @@ def design(structure: Structure) -> Prefilter:
                 return structure.filter(again[0].delays, again[0].unknowns)
     within = " within the bounds" if structure.bounds else ""
     raise ImpossibleShaperError(
-        f"no filter of this form with {_delays(structure.form.delays)} was found up to {horizon:.6g} s{within}; one delay more, wider "
-        "bounds or another form may do"
+        f"no filter of this form with {_delays(structure.form.delays)} was found up to {horizon * structure.unit:.6g} s{within}; one delay "
+        "more, wider bounds or another form may do"
     )
 
 
@@ -95,7 +95,7 @@ def at_delays(structure: Structure, delays: Reals) -> Prefilter:
     """
     found = solved_at(structure.fine, delays)
     if found is None:
-        given, within = ", ".join(f"{delay:.6g}" for delay in delays[1:]), " within the bounds" if structure.bounds else ""
+        given, within = ", ".join(f"{delay * structure.unit:.6g}" for delay in delays[1:]), " within the bounds" if structure.bounds else ""
         raise ImpossibleShaperError(f"no filter of this form has its delays at {given} s{within}: {structure.counted}")
     return structure.filter(found.delays, found.unknowns)
 

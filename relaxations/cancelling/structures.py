@@ -51,6 +51,7 @@ class Structure:
     form: Form
     bounds: Bounds = Bounds()
     finer: int = 1
+    unit: float = 1.0  # [s] of its time: for messages
 
     @property
     def fine(self) -> Structure:
