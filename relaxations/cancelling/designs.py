@@ -134,13 +134,19 @@ def solved_at(structure: Structure, delays: Reals) -> Found | None:
 
 
 def natural_time(structure: Structure) -> float:
-    """About how long it takes to cancel the poles one after the other [s]: half a period each, or the time constant of a real one."""
-    conditions = structure.conditions
+    """About how long it takes to cancel the poles one after the other [s]: half a period each, or the time constant of a real one.
+
+    A rigid body takes as long as the levels, or the gains, push it there.
+    """
+    conditions, bounds = structure.conditions, structure.bounds
     total = sum(
         pole.multiplicity * (math.pi / abs(pole.value.imag) if pole.is_flexible else 1.0 / abs(pole.value)) for pole in conditions.poles
     )
+    if conditions.rigid:
+        pushed = min((abs(end) for pair in (bounds.levels, bounds.gains) if pair for end in pair if end), default=abs(conditions.target))
+        total += 2.0 * conditions.rigid * (abs(conditions.target) / pushed) ** (1.0 / conditions.rigid)
     slowest = max((1.0 / abs(root.value) for root in (*conditions.poles, *conditions.zeros)), default=1.0)
-    return total + conditions.rigid * slowest if conditions.poles else max(conditions.rigid, 1) * slowest * 4.0
+    return total + conditions.rigid * slowest if conditions.poles else total + max(conditions.rigid, 1) * slowest * 4.0
 
 
 def _delays(count: int) -> str:
