@@ -2,8 +2,11 @@
 
 Everything is copied into a folder of its own, the certificates that the tests ask for are made there first (by the checker as it is: a
 mutant must not hinder their making), then mutmut changes the checker's copy in every way that it knows and runs the tests of the checker,
-but for a few that take seconds. Mutants of messages alone are counted; the other survivors are printed as docs/checker-mutations.md lists
-them, and the exit code says whether that document argues all of them. FUNCTION (lower.prove, balls.Root.ramp, balls.*) runs those alone.
+but for a few that take seconds. FUNCTION (lower.prove, balls.Root.ramp, balls.*) runs those alone; `python tests/mutants.py --of FOLDER …`
+runs nothing and tells what runs in these folders have found together, later ones counting.
+
+Survivors that change nothing that matters, by `CLASSES`, are counted; the others are printed as docs/checker-mutations.md lists them, and
+the exit code says whether that document argues all of them, and whether none is left to be run.
 """
 
 from __future__ import annotations
@@ -16,16 +19,17 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
 from difflib import ndiff
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 ARGUED = ROOT / "docs" / "checker-mutations.md"
-HELPERS = ("corruption", "forgery", "independent", "independent_limits", "problems", "random_maneuvers")
+HELPERS = ("corruption", "forgery", "independent", "independent_limits", "problems", "random_maneuvers", "varying_plants")
 CHECKER = Path("relaxations", "checking")
 LENGTHY = ("many segments", "many contacts", "many segments and poles", "too many segments", "many names", "many oscillations")
-SOLVING = ("test_checking_corruption_boxes.py", "test_checking_varying.py")
+SOLVING = ("test_checking_corruption_boxes.py",)
 """What solves tasks of its own; the parts of the checker that only these are about are not mutated."""
 LEFT_OUT = [
     *(f"test_checking_corruption.py::test_tampered_certificates_{of}are_never_believed" for of in ("", "of_further_limits_")),
@@ -34,6 +38,21 @@ LEFT_OUT = [
 ]
 """What takes seconds for each of the mutants that nothing else notices."""
 UNNOTICED = (0, 33, 34, 35)  # survived, no tests, skipped, suspicious
+CLASSES = {
+    "what a message says": (r'f?"[^"]*"|, \)', "None"),
+    "how much work is counted": (r"spend\(.*\)$", "spend()"),
+    "how often something is tried, or how long it may be": (r"[<>]=? (MOST|LARGEST|LONGEST)_\w+|range\(10[01]\)", "…"),
+    "whether lists are as long as each other, which they are": (r", (strict=\w+)?\)", ")"),
+    "how a sum's start is written": (r", ((a[rc]b|fmpq)\((0|None)?\))?\)", ")"),
+    "how 0 is written": (r"\b(a[rc]b)\(None\b", r"\1(0"),
+    "whether balls that are equal count as less": (r"([<>])=", r"\1"),
+}
+"""What a mutant changes where its line is the same as before but for such a pattern."""
+BALLS = (
+    *("balls.on_axis", "balls.stable", "courses.recedes", "courses.within", "lower.impossible", "lower.prove", "lower.support"),
+    *("members.lands", "spent.by_costate", "spent.lasting", "upper.inside", "upper.settled"),
+)
+"""Where the last class is of balls: two compare as equal only where both are exact and the same."""
 SETTINGS = """
 [tool.pytest]
 testpaths = ["tests"]
@@ -51,6 +70,9 @@ also_copy = ["relaxations", "fmus", "reports", "suite", "tests"]
 """
 RECORD = """
 import forgery as of
+import varying_plants
+for name in varying_plants.CERTIFIED:
+    (of.RECORDED / f"varying_{name}.json").write_bytes(varying_plants.certified(name))
 for names, make, prefix in ((of.BY_NAME, of.proven, ""), (of.TAILS, of.proven_tail, "tail_"), (of.LIMITED, of.proven_limited, "limited_")):
     for name in names:
         (of.RECORDED / f"{prefix}{name}.json").write_bytes(make(name))
@@ -90,34 +112,61 @@ def mutated(function: str) -> str:
     return f"relaxations.checking.{module}.x{'' if len(names) > 1 else '_'}{name}*" if name != "*" else f"relaxations.checking.{module}.*"
 
 
-def survivors(folder: Path) -> Iterator[tuple[str, str, str]]:
-    """Function, line before and line after of each mutant that no test notices."""
-    for meta in sorted((folder / "mutants" / CHECKER).glob("*.meta")):
-        variants = bodies(meta.with_suffix("").read_text())
-        for key, code in json.loads(meta.read_text())["exit_code_by_key"].items():
-            if code not in UNNOTICED:
-                continue
-            module, name = key.split(".")[-2:]
-            changes = [line for line in ndiff(variants[re.sub(r"\d+$", "orig", name)], variants[name]) if line[:2] in ("- ", "+ ")]
-            before, after = (" ".join(line[2:] for line in changes if line[0] == sign) for sign in "-+")
-            yield f"{module}.{re.sub(r'^xǁ|^x_|__mutmut_.*$', '', name).replace('ǁ', '.')}", before, after
+def verdicts(folder: Path) -> dict[str, int | None]:
+    """What has become of every mutant in a folder; None: it was not run."""
+    files = sorted((folder / "mutants" / CHECKER).glob("*.meta"))
+    return {key: code for meta in files for key, code in json.loads(meta.read_text())["exit_code_by_key"].items()}
 
 
-def wordless(line: str) -> str:
-    """A line without what its strings say."""
-    return re.sub(r'f?"[^"]*"', "None", line)
+def survivors(folder: Path, keys: Collection[str]) -> Iterator[tuple[str, str, str]]:
+    """Function, line before and line after of mutants."""
+    variants: dict[str, dict[str, list[str]]] = {}
+    for key in keys:
+        module, name = key.split(".")[-2:]
+        if module not in variants:
+            variants[module] = bodies((folder / "mutants" / CHECKER / f"{module}.py").read_text())
+        before, after = variants[module][re.sub(r"\d+$", "orig", name)], variants[module][name]
+        changes = [line for line in ndiff(before, after) if line[:2] in ("- ", "+ ")]
+        before, after = (" ".join(line[2:] for line in changes if line[0] == sign) for sign in "-+")
+        yield f"{module}.{re.sub(r'^xǁ|^x_|__mutmut_.*$', '', name).replace('ǁ', '.')}", before, after
 
 
-def main(folder: Path, functions: list[str]) -> int:
-    prepare(folder)
-    print(mutmut(folder, "run", "--max-children", "2", *map(mutated, functions)).splitlines()[-1])
-    found, argued = list(survivors(folder)), ARGUED.read_text()
-    lines = [f"{function}: {before} → {after}" for function, before, after in found if wordless(before) != wordless(after)]
-    print(f"{len(found) - len(lines)} survivors change what a message says and nothing else; not argued in {ARGUED.name}:")
+def kind(function: str, before: str, after: str) -> str | None:
+    """The class of a mutant, if it is of one."""
+    for name, (pattern, instead) in CLASSES.items():
+        if re.sub(pattern, instead, before) == re.sub(pattern, instead, after) and (pattern != r"([<>])=" or function in BALLS):
+            return name
+    return None
+
+
+def told(folders: Sequence[Path], every: bool) -> int:
+    """Print what has become of the mutants, by the last folder that ran each; `every` one has to be run."""
+    found: dict[str, tuple[int | None, Path]] = {}
+    for folder in folders:
+        found |= {key: (code, folder) for key, code in verdicts(folder).items() if code is not None or key not in found}
+    open_, alive = (sum(code is None for code, _ in found.values()), [key for key, (code, _) in found.items() if code in UNNOTICED])
+    print(f"{len(found)} mutants, {open_} of them not run; {len(found) - open_ - len(alive)} noticed, {len(alive)} not")
+    lines, counts, argued = [], Counter[str](), ARGUED.read_text()
+    for folder in folders:
+        for function, before, after in survivors(folder, [key for key in alive if found[key][1] == folder]):
+            if name := kind(function, before, after):
+                counts[name] += 1
+            else:
+                lines.append(f"{function}: {before} → {after}")
+    print(*(f"{count:4} change {name}" for name, count in counts.most_common()), sep="\n")
     unknown = [line for line in lines if line not in argued]
-    print(*unknown or ["none"], sep="\n")
-    return bool(unknown)
+    print(f"{len(lines) - len(unknown):4} others are argued in {ARGUED.name}; {len(unknown)} are not:", *unknown, sep="\n")
+    return bool(unknown or (every and open_))
+
+
+def main(words: list[str]) -> int:
+    if words[:1] == ["--of"]:
+        return told([Path(word) for word in words[1:]], True)
+    folder = Path(words[0] if words else tempfile.mkdtemp(prefix="mutants"))
+    prepare(folder)
+    print(mutmut(folder, "run", "--max-children", "2", *map(mutated, words[1:])).splitlines()[-1])
+    return told([folder], not words[1:])
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp(prefix="mutants")), sys.argv[2:]))
+    sys.exit(main(sys.argv[1:]))

@@ -8,7 +8,7 @@ import pytest
 from flint import acb, fmpq
 from forgery import certificate, command, costate, task
 
-from relaxations.checking import balls, boxes
+from relaxations.checking import balls, boxes, lower
 from relaxations.checking.claims import Check, Outcome, check, claim
 from relaxations.checking.families import family
 from relaxations.checking.reading import Undecided, read
@@ -215,3 +215,17 @@ def test_a_sample_with_fewer_poles_at_the_origin_has_no_response_there() -> None
     roots = (balls.Root(acb(0), 4), *(root for root in one.roots if not root.value.is_zero()))
     with pytest.raises(Undecided, match="fewer poles at the origin"):
         one.answer(roots, "v", 0)
+
+
+def test_multipliers_of_samples_come_from_the_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Any] = []
+    relaxed = boxes.relaxed
+    monkeypatch.setattr(lower.boxes, "relaxed", lambda *of: seen.append(of) or relaxed(*of))
+    of = boxed(["1", "0.2", "1"], [*constant(["1", "0.2"]), terms(("1", 1))], ("1", "0.9", "1.1"), "0.01", limits=("-5", "5"))
+    contact = {"time": "1", "upper": "0.25", "lower": "0"}
+    sample = {"place": ["1.1"], "residual": [contact], "deflection": [], "after": []}
+    check(certificate(of, lower="0.001", witnesses=({**costate(), "samples": [sample]}, None)))
+    assert seen
+    for posed, samples in seen:
+        assert posed.task.box is not None
+        assert [one.place for one in samples] == [(fmpq(11, 10),)]

@@ -5,8 +5,11 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any
 
-from forgery import certificate, changed, command, costate, number, opened, proven_limited, task, written
+import pytest
+from flint import arb, fmpq
+from forgery import certificate, changed, command, costate, number, opened, proven_limited, system, task, written
 
+from relaxations.checking import balls, courses, reading
 from relaxations.checking.claims import Outcome, check, claim
 
 # Lies, about the cart with |u| ≤ 1 and a speed of at most 1/2: T = 2.5, u = 1 until 0.5, -1 from 2 on; p = 2 (s - 1/2) until 1/2, 0
@@ -58,6 +61,44 @@ def test_what_the_checker_calls_malformed() -> None:
         assert lower_side("2.4", [PRESS], **others) is Outcome.MALFORMED, others
     for change in ({"output": "speed"}, {"begin": "-1"}, {"begin": "3"}):
         assert lower_side("2.4", [{**PRESS, **change}]) is Outcome.MALFORMED
+
+
+def test_the_whole_move_is_looked_at_from_its_exact_begin() -> None:
+    """The cart's speed: that of a duration in a ball until its end; and one that begins at its limit, and falls from there."""
+
+    def outcome(limit: str, numbers: list[Any], start: list[str] | None = None) -> str:
+        posed = system(task(["1"], ["1", "0", "0"], initial_state=start, **{**COURSE, "deflection": {"rate": limit}}))
+        balls.work["left"] = 1e8
+        try:
+            courses.prove(posed, (len(numbers) - 1) // 2, numbers)
+        except (reading.Refuted, reading.Undecided) as problem:
+            return f"{type(problem).__name__}: {problem}"
+        return "proved"
+
+    assert outcome("2.0101", [arb(2, 0.01), fmpq(0), fmpq(1)]) == "proved"
+    assert outcome("2.005", [arb(2, 0.01), fmpq(0), fmpq(1)]) != "proved"
+    assert outcome("1.9", [fmpq(2), fmpq(0), fmpq(1)]) == "Refuted: the output rate leaves its limit"
+    for side in (1, -1):
+        falls = [fmpq(2), fmpq(0), fmpq(1), fmpq(-side, 2), fmpq(0)]
+        assert outcome("0.5", falls, ["0", str(fmpq(side, 2))]) == "proved"
+        assert outcome("0.5", [x if i < 3 else -x for i, x in enumerate(falls)], ["0", str(fmpq(side, 2))]) != "proved"
+
+
+def test_what_is_given_of_outputs_has_their_names() -> None:
+    read = reading.by_name([reading.real, 1, 2])
+    assert read({"a": ["1"], "b": ["2", "1/2"]}, "here") == {"a": (1,), "b": (2, fmpq(1, 2))}
+    assert len(read({f"w{i}": ["1"] for i in range(reading.MOST_OUTPUTS)}, "here")) == reading.MOST_OUTPUTS
+    for data, said in (
+        ({f"w{i}": ["1"] for i in range(reading.MOST_OUTPUTS + 1)}, "here names at most 50 outputs"),
+        ([], "here names at most 50 outputs"),
+        (None, "here names at most 50 outputs"),
+        ({"": ["1"]}, "here is a short name"),
+        ({"a\n": ["1"]}, "here is a short name"),
+        ({"a": "1"}, r"here\.a is an array of 1 to 2 items"),
+        ({"a": ["x"]}, r"here\.a\[0\] is no exact number: 'x'"),
+    ):
+        with pytest.raises(reading.Malformed, match=said):
+            read(data, "here")
 
 
 def test_a_changed_limit_changes_the_claim() -> None:

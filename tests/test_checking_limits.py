@@ -341,3 +341,6 @@ def test_multipliers_of_slopes_do_not_make_a_budget_too_small() -> None:
     nodes = [("0", "0"), ("1/20", "16237/2500"), ("3/10", "13719/10000")]
     truth = command("7/20", nodes, [["level", 1, 0], ["level", 2, 0]], radius="1/100", tail=tail)
     assert check(certificate(of, upper="2/5", witnesses=(None, truth))).outcome is Outcome.PROVED
+    for fuel, outcome in (("1.2000001", Outcome.PROVED), ("1.1999999", Outcome.REFUTED)):  # ∫ u is 2, 4/5 of it the tail's
+        tight = {**of, "limits": {**of["limits"], "fuel": fuel}}
+        assert check(certificate(tight, upper="2/5", witnesses=(None, truth))).outcome is outcome

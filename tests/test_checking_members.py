@@ -153,8 +153,10 @@ def test_every_plant_rests_near_the_target_or_not(seed: int, sign: int, rigid: i
 def test_the_room_is_that_of_the_gain() -> None:
     """Where `wide - off` and `wide + off` are not negative, the ratio of gains is within the share of 1, and nowhere else."""
     above, below = [(Fraction(3), (0, 0)), (Fraction(1), (1, 0))], [(Fraction(2), (0, 0)), (Fraction(-1), (0, 1))]
-    for signs in itertools.product((1, -1), repeat=2):
-        numerator, denominator = ([(c * sign, powers) for c, powers in terms] for sign, terms in zip(signs, (above, below), strict=True))
+    for *signs, size in itertools.product((1, -1), (1, -1), (Fraction(1), Fraction(1, 8))):
+        numerator, denominator = (
+            [(c * sign * size, powers) for c, powers in terms] for sign, terms in zip(signs, (above, below), strict=True)
+        )
         of = posed(boxed([numerator], [constant(1), constant(3), denominator], [("0", "-1", "1"), ("0", "-1", "1")], Fraction(1, 4)))
         shift = members.Shift.of(of)
         for x, y in itertools.product((-1, Fraction(-1, 3), 0, Fraction(1, 2), 1), repeat=2):
@@ -209,6 +211,40 @@ def test_one_plant_that_rests_too_far_away(share: str | None, place: list[str], 
     )
     witness = {**costate(), "samples": [{"place": place, "residual": [], "deflection": [], "after": []}]}
     assert check(certificate(of, impossible="final", witnesses=(witness, None))).outcome is expected
+
+
+def test_a_plant_at_an_edge_of_the_box() -> None:
+    """The gain is 1 + k/4, k from 0 to 1, and 1 at the nominal plant: at k = 0 the plant rests at 4/5 of the target."""
+    for share, expected in ((Fraction(19, 100), Outcome.PROVED), (Fraction(21, 100), Outcome.INCONCLUSIVE)):
+        of = boxed([[(Fraction(1), (0,)), (Fraction(1, 4), (1,))]], [[(Fraction(1), (0,))]] * 2, [("1", "0", "1")], share)
+        witness = {**costate(), "samples": [{"place": ["0"], "residual": [], "deflection": [], "after": []}]}
+        assert check(certificate(of, impossible="final", witnesses=(witness, None))).outcome is expected
+        assert check(certificate(of, impossible="final")).outcome is Outcome.MALFORMED
+        assert check(certificate(task(["1"], ["1", "0"]), impossible="final")).outcome is Outcome.MALFORMED
+
+
+def test_a_plant_that_rests_just_within_the_tolerance() -> None:
+    """At k = 1 the gain is 5/4 of the nominal one, exactly as far off as it may be: so is no plant too far."""
+    for range_ in (("0", "0", "1"), ("0", "-1/2", "1")):
+        assert (
+            outcome(posed(boxed([[(Fraction(1), (0,)), (Fraction(1, 4), (1,))]], [constant_of_one()] * 2, [range_], Fraction(1, 4))))
+            == "proved"
+        )
+
+
+def constant_of_one() -> Terms:
+    return [(Fraction(1), (0,))]
+
+
+def test_a_cell_as_balls() -> None:
+    cell, centre, widths = members.laid([(fmpq(1), fmpq(3)), (fmpq(2), fmpq(2)), (fmpq(-1, 3), fmpq(1, 3))])
+    wide, _, thirds = (arb(x) for x in cell)
+    assert all(wide.contains(arb(x)) for x in (1, 2, 3))
+    assert float(wide.rad()) == pytest.approx(1)
+    assert cell[1] == 2
+    assert all(thirds.overlaps(arb(fmpq(i, 3))) for i in (-1, 0, 1))
+    assert centre == [2, 2, 0]
+    assert [float(w) for w in widths] == pytest.approx([1, 0, 1 / 3])
 
 
 def test_cells_are_halved_across_the_widest_side() -> None:
@@ -312,6 +348,18 @@ def test_boxes_in_words() -> None:
         in text
     )
     assert "  y(∞) is the target in all of them, and none keeps drifting." in text
+    hold, others = "  The limits of outputs hold in every one of them, for all t ≥ 0.", members.OTHERS
+    assert hold not in text
+    assert others not in text
+    text = words({**task(["1"], ["1", "0.2", "1"], limits=("-5", "5"), outputs={"w": ["1"]}, deflection={"w": "9"}), "box": box})
+    assert hold in text
+    assert others in text
+    limited = boxed([gain], [[(Fraction(1), (0,))]] * 2, ranges, None)
+    limited["limits"]["deflection"], limited["plants"][0]["outputs"] = {"w": "9"}, {"w": ["1"]}
+    limited["box"]["outputs"] = {"w": [[["1", [0]]]]}
+    text = words(limited)
+    assert hold in text
+    assert others not in text
     listed = [{"place": [str(k)], "numerator": ["1"], "denominator": ["1", str(1 + k)], "outputs": {}} for k in (0, 1)]
     box = {
         "parameters": [{"name": "k", "nominal": "0", "low": "0", "high": "1"}],

@@ -250,6 +250,11 @@ def wave(*coefficients: Any) -> Wave:
         (wave(1, -2, 6), "1", (1, -2), "Refuted"),  # ends at 2
         (wave(1, 2, -6), "1", (1, 2), "Refuted"),  # rises at first
         (wave(1, 1, -1), "0.25", (1, 1), "Refuted"),
+        (wave("0.75", 1, -2), "1", (), "Undecided"),  # exactly 1 in the middle, which is not beyond
+        (wave("-0.75", -1, 2), "1", (), "Undecided"),
+        (wave("-0.0046875", "11.15", "-82.5", 360, -720), "1", (), "Refuted"),  # 1.025 at 1/4, and a second hump of 0.975 at 3/4
+        (wave("0.0953125", "11.35", "-82.5", 360, -720), "1", (), "Refuted"),  # and of 1.275 at 3/4
+        (wave("-0.1046875", "11.15", "-82.5", 360, -720), "1", (), "proved"),  # 0.925 and 0.875
     ],
 )
 def test_outputs_within_a_limit_of_one(course: Wave, end: str, first: tuple[int, ...], expected: str) -> None:
@@ -277,6 +282,14 @@ def test_a_command_that_takes_an_output_too_far() -> None:
     assert found("0.5001", [0, 1], sloped=True) == "Refuted"
     assert found("0.7501", [0, -1], sloped=True, start=["0", "0.25"]) == "proved"
     assert found("0.7499", [0, -1], sloped=True, start=["0", "0.25"]) == "Refuted"
+
+
+def test_straight_pieces_of_any_length_end_where_the_tail_begins() -> None:
+    """(s + 1)/s²: the input goes up to 1 in 2 s and down to 1/2 in 3 s, where its tail begins: its integral is 1 + 9/4."""
+    others: dict[str, Any] = {"outputs": {"rate": ["1", "0"]}, "rate": ["-9", "9"], "rest": "output"}
+    for limit, expected in (("3.2501", "proved"), ("3.2499", "Refuted")):
+        posed = system(task(["1", "1"], ["1", "0", "0"], "1", deflection={"rate": limit}, **others))
+        assert outcome(courses.prove, posed, 2, [fmpq(5), fmpq(0), fmpq(2), fmpq(0), fmpq(1), fmpq(1, 2)]) == expected
 
 
 def test_instants_of_multipliers_are_exact() -> None:

@@ -21,9 +21,11 @@ from relaxations.checking.reading import Refuted, Undecided
 
 RIGID = task(["1", "5", "11", "15"], ["1", "1.2", "4.2", "4", "0", "0"], "2", rest="output", rate=["-4", "4"])  # (s + 3)(s² + 2s + 5)
 HELD = task(["2"], ["1", "2.2", "5.4", "8.2", "4"], "0.25", rate=["-4", "4"])  # (s + 1)² (s² + 0.2s + 4), input 1/2 at rest
+TAILED = task(["1", "5", "11", "15"], ["1", "2.2", "5.4", "8.2", "4"], "2", rest="output", rate=["-4", "4"])  # both: held at 8/15
 N = 3
 COMMANDS = {
     "rigid": (RIGID, [5, 0, 1, 3, 0, -1, Fraction(1, 2), Fraction(1, 5), Fraction(-1, 7), Fraction(2, 9)]),
+    "tailed": (TAILED, [5, 0, 1, 3, 0, -1, Fraction(1, 2), Fraction(1, 5), Fraction(-1, 7), Fraction(2, 9)]),
     "held": (HELD, [4, 0, Fraction(1, 3), 2, 0, Fraction(3, 4), Fraction(-1, 2)]),
 }
 
@@ -111,6 +113,22 @@ def test_a_sloped_command_jumps_nowhere() -> None:
     assert outcome(n3=fmpq(15, 4)) == "proved"  # exactly 4
     assert outcome(n2=fmpq(5, 3), n5=fmpq(13, 6)) == "Refuted"  # down by 8/3 in 1/3 s
     assert outcome(n6=fmpq(-7, 1), n3=2) == "Refuted"
+
+
+def test_a_sloped_command_ends_where_the_tail_begins() -> None:
+    plant = system(RIGID)
+    for end, expected in (("1/2", "proved"), ("11/12", "Refuted"), ("1/12", "Refuted"), ("5/6", "proved")):
+        pair_first = plant.zeros[0].flexible
+        tail = [Fraction(0)] * 3
+        tail[0 if pair_first else 1] = Fraction(1, 3)  # the pair's real part
+        tail[2 if pair_first else 0] = Fraction(end) - Fraction(1, 3)
+        command = fractions([Fraction(31, 10), 0, 1, 3, 0, -1, Fraction(1, 2), *tail])
+        try:
+            ramps.prove(plant, command, N)
+            found = "proved"
+        except Refuted:
+            found = "Refuted"
+        assert found == expected
 
 
 def test_fuel_of_straight_pieces() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import flint
 import numpy as np
 import pytest
-from flint import arb, arb_mat, fmpq
+from flint import acb, arb, arb_mat, fmpq
 from forgery import certificate, costate, system, task
 
 from relaxations.checking import balls, spent
@@ -194,6 +194,25 @@ def test_a_costate_that_may_grow_says_nothing(denominator: list[str], numbers: l
         spent.by_costate(
             posed, arb_mat(len(numbers), 1, [arb(Fraction(x).numerator) / Fraction(x).denominator for x in numbers]), arb(0), fmpq(10**6)
         )
+
+
+def test_a_costate_may_be_largest_late() -> None:
+    """p = s (e^{-s/16} - e^{-s/15}) is 0.32 at s = 16, where both its terms begin to fall, and 0.5 at about 31."""
+    roots = tuple(balls.Root(acb(-arb(1) / n), 2) for n in (16, 15))
+    s = np.linspace(0, 400, 400_001)
+    largest = float(np.max(s * (np.exp(-s / 16) - np.exp(-s / 15))))
+    numbers, target = arb_mat(4, 1, [0, 1, 0, -1]), arb_mat(4, 1, [0, 1, 0, 0])
+    task_of = SimpleNamespace(limits=SimpleNamespace(fuel=fmpq(1, 10**6)), plants=())
+    posed: Any = SimpleNamespace(task=task_of, roots=roots, target=target, begin=())
+
+    def asks(limit: float) -> bool:
+        exact = Fraction(limit)
+        return spent.by_costate(posed, numbers, arb(0), fmpq(exact.numerator, exact.denominator))
+
+    assert 0.4 < largest < 0.6
+    assert asks(largest * 1.0001)
+    with pytest.raises(Undecided, match="not told from the price"):
+        asks(largest * 0.9)
 
 
 # p of random coefficients: origin, a mode that stays, one that decays, double and triple poles.

@@ -307,3 +307,46 @@ def test_a_tail_that_begins_on_a_limit_and_goes_on_beyond_is_not(sign: int) -> N
 
     assert outcome(proven_tail("at_once_and_rising")) is Outcome.PROVED
     assert outcome(changed(proven_tail("at_once_and_rising"), tighten)) in (Outcome.REFUTED, Outcome.INCONCLUSIVE)
+
+
+# (s + 2)³ over a plant with other poles: outputs whose coefficients backwards, or every other one, are multiples of (s + 2)³.
+TRIPLE = (["1", "6", "12", "8"], ["1", "5", "11", "15", "9", "3", "1"])
+
+
+@pytest.mark.parametrize("above", [["8", "12", "6", "1"], ["1"], ["6", "5", "12", "7", "8"], ["5", "1"], ["1", "2"]])
+def test_what_a_tail_of_a_triple_zero_does_to_an_output(above: list[str]) -> None:
+    """`Σ_{k≥l} G^(k-l)(z)/(k-l)! c_k` at z = -2, the derivatives by exact division of power series about it."""
+    posed = system(task(*TRIPLE, "1", rest="output", outputs={"w": above}, deflection={"w": "50"}))
+    answer, *_ = posed.after("w")
+    (zero,) = posed.zeros
+    assert zero.multiplicity == 3
+
+    def about(written: list[str]) -> list[Fraction]:
+        """The coefficients of N(-2 + x), lowest first, by repeated division."""
+        rest, found = [Fraction(c) for c in written], []
+        for _ in range(3):
+            quotient = [Fraction(0)]
+            for c in rest:
+                quotient.append(c - 2 * quotient[-1])
+            found.append(quotient[-1])
+            rest = quotient[1:-1]
+        return found
+
+    n, d, gains = about(above), about(TRIPLE[1]), []
+    for k in range(3):
+        gains.append((n[k] - sum((gains[i] * d[k - i] for i in range(k)), Fraction(0))) / d[0])
+    numbers = [Fraction(3), Fraction(-1, 2), Fraction(5, 4)]
+    found = answer([acb(fmpq(c.numerator, c.denominator)) for c in numbers], zero)
+    for at, value in enumerate(found):
+        expected = sum((gains[k - at] * numbers[k] for k in range(at, 3)), Fraction(0))
+        assert value.real.overlaps(arb(fmpq(expected.numerator, expected.denominator)))
+        assert float(value.real.rad()) < 1e-12
+        assert expected or above == ["1", "2"]  # which leaves out the first derivative alone
+
+
+def test_an_exact_command_needs_no_tail() -> None:
+    """1 for 1 s and -1 for 1 s move the double integrator by 1 as they are: that a tail is written beside them changes nothing."""
+    of = task(["1", "1"], ["1", "0", "0"], rest="output")
+    for tail in ([], [{"near": ["-1", "0"], "coefficients": [["1/2", "0"]]}]):
+        witness = command("2", [("0", "1"), ("1", "-1")], [], tail=tail)
+        assert check(certificate(of, upper="2", witnesses=(None, witness))).outcome is Outcome.PROVED

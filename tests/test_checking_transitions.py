@@ -215,8 +215,10 @@ def test_what_a_series_leaves_out_is_bounded_by_the_formula(monkeypatch: pytest.
         assert [[float(x.mid()) for x in row] for row in step.left.tolist()] == [[0, 0], [0, 0]]
         radii = np.array([[float(x.rad()) for x in row] for row in step.left.tolist()])
         assert radii == pytest.approx(sizes[:, None] / w, rel=1e-4)
+        assert (radii >= sizes[:, None] / w).all()  # it is of times a hair beyond the step, too
         most = float(sizes.max()) * (np.max(np.abs(b) / w) + far * np.max(np.abs(growth) / w))
         assert float(step.beyond.rad()) == pytest.approx(most, rel=1e-4)
+        assert float(step.beyond.rad()) >= most
         assert step.beyond.mid() == 0
         # The longest power of 2 that the bound allows, or until the next instant.
         fits = lambda h, A=A, rise=rise: (norm(A) + norm(rise) * 4 * h) * h <= 1.5  # noqa: E731
@@ -249,6 +251,16 @@ def test_what_a_series_leaves_out_is_in_all_that_is_made_of_it(rate: Fraction, g
     after = followed(schedule, [1], 2)[1]
     assert after.rows[0][0, 0].contains((-a).exp().real)
     assert float(after.rows[0][0, 0].rad()) == pytest.approx(float(step.left[0, 0].rad()), rel=1e-6)
+
+
+def test_integrals_of_what_is_left_out() -> None:
+    """± b of p is ± b τ of its integral and ± b τ²/2 of the integral of that."""
+    nothing = arb_mat(1, 1)
+    step = Step(fmpq(0), fmpq(4), [nothing] * 3, (nothing, nothing), nothing, arb(0, 1))
+    for tau in (1, 3):
+        for ball, radius in ((step.step(arb(tau)), tau), (step.ramp(arb(tau)), tau * tau / 2)):
+            assert ball[0, 0].mid() == 0
+            assert float(ball[0, 0].rad()) == pytest.approx(radius, rel=1e-6)
 
 
 # Series.

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from flint import arb, arb_mat
 from forgery import changed, forged, number, opened, written
-from varying_plants import GROWING, HOISTING, STIFF_A, STIFF_B, STIFF_C, posed, proven, random_plant, reaches
+from varying_plants import GROWING, HOISTING, certified, random_plant, reaches
 
 from relaxations.checking import transitions as checker
 from relaxations.checking.balls import work
@@ -19,10 +19,12 @@ from relaxations.checking.reading import read
 from relaxations.plants import precision
 from relaxations.transitions import Transition, VaryingPlant
 
+PLANTS = {"hoisting": HOISTING, "growing": GROWING, "random": random_plant(7)}
 
-@pytest.mark.parametrize("plant", [HOISTING, GROWING, random_plant(7)])
-def test_the_checkers_steps_enclose_the_transition(plant: VaryingPlant) -> None:
-    schedule = read(proven(posed(plant, 1))[2]).task.schedule
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_the_checkers_steps_enclose_the_transition(name: str) -> None:
+    plant, schedule = PLANTS[name], read(certified(name)).task.schedule
     work["left"] = 1e9
     rng = np.random.default_rng(3)
     with precision(128):
@@ -39,10 +41,11 @@ def test_the_checkers_steps_enclose_the_transition(plant: VaryingPlant) -> None:
             assert max(float(ball.rad()) for ball in impulse.entries()) < 1e-25
 
 
-@pytest.mark.parametrize("plant", [HOISTING, GROWING, random_plant(7)])
-def test_what_is_cut_off_is_enclosed_too(plant: VaryingPlant, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", PLANTS)
+def test_what_is_cut_off_is_enclosed_too(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Series of some 16 terms in arithmetic of many digits: what is left out is then much more than rounding."""
-    schedule, n = read(proven(posed(plant, 1))[2]).task.schedule, plant.order
+    plant, schedule = PLANTS[name], read(certified(name)).task.schedule
+    n = plant.order
     monkeypatch.setattr(checker, "flint", SimpleNamespace(ctx=SimpleNamespace(prec=4)))
     work["left"] = 1e9
     exactly = Transition(plant, 400)
@@ -67,7 +70,7 @@ def test_what_is_cut_off_is_enclosed_too(plant: VaryingPlant, monkeypatch: pytes
 
 
 def test_what_the_claim_says() -> None:
-    text = claim(check(proven(posed(GROWING))[2]))
+    text = claim(check(certified("growing")))
     assert "every matrix linear in t between these instants, constant after the last" in text
     assert "t = 2 s: A = [[0, 1], [0, 0]], B = [0, 3], C = [1, 0], D = 0" in text
 
@@ -79,9 +82,9 @@ def outcome(content: bytes, change) -> Outcome:
     return check(changed(content, change)).outcome
 
 
-@pytest.mark.parametrize("plant", [GROWING, HOISTING])
-def test_lies_about_a_varying_plant(plant: VaryingPlant) -> None:
-    content = proven(posed(plant))[2]
+@pytest.mark.parametrize("name", ["growing", "hoisting"])
+def test_lies_about_a_varying_plant(name: str) -> None:
+    content = certified(name)
     data = opened(content)
     lower, upper = (number(data["claim"][side]) for side in ("lower", "upper"))
     for side, value in (("lower", lower), ("upper", upper)):
@@ -112,13 +115,13 @@ def test_lies_about_a_varying_plant(plant: VaryingPlant) -> None:
 
 
 def test_lies_about_fuel_and_limits() -> None:
-    content = proven(posed(HOISTING, 2, fuel="2"))[2]
+    content = certified("hoisting_fuel")
     for fuel, refuted in (("1.9999999", "lower"), ("2.0000001", "upper")):  # what is left is the side that it takes away from
         one = outcome(content, lambda d, fuel=fuel, kept=refuted: (d["task"]["limits"].update(fuel=fuel), d["claim"].update({kept: None})))
         assert one is Outcome.REFUTED
     dear = outcome(content, lambda d: d["lower"].update(fuel=written(number(d["lower"]["fuel"]) * Fraction(11, 10))))
     assert dear is Outcome.REFUTED
-    free = proven(posed(HOISTING, 2))[2]
+    free = certified("hoisting_far")
     for limits in (["-0.99", "1"], ["-1", "0.99"]):
         assert (
             outcome(free, lambda d, limits=limits: (d["task"]["limits"].update(input=limits), d["claim"].update(lower=None)))
@@ -128,7 +131,7 @@ def test_lies_about_fuel_and_limits() -> None:
 
 def test_krawczyks_test_finds_the_exact_command() -> None:
     """The start written is off by 1e-9, and the claim by 1e-11 only: the solution is found within a radius of 1e-6."""
-    content = proven(posed(GROWING))[2]
+    content = certified("growing")
 
     def moved(d: Any) -> None:
         segment = d["upper"]["segments"][1]
@@ -141,7 +144,7 @@ def test_krawczyks_test_finds_the_exact_command() -> None:
 
 @pytest.mark.parametrize("off", [Fraction(1, 10**9), Fraction(-1, 10**9)])
 def test_fuel_is_that_of_the_exact_command(off: Fraction) -> None:
-    content = proven(posed(HOISTING, 2, fuel="2"))[2]
+    content = certified("hoisting_fuel")
     place = next(i for kind, i, _ in opened(content)["upper"]["free"] if kind == "start")
 
     def moved(d: Any) -> None:
@@ -155,8 +158,7 @@ def test_fuel_is_that_of_the_exact_command(off: Fraction) -> None:
 
 
 def test_rests_that_are_held() -> None:
-    held = VaryingPlant.of([0, 1], [STIFF_A] * 2, [STIFF_B] * 2, [STIFF_C] * 2)
-    content = proven(posed(held, "0.5"))[2]
+    content = certified("held")
     for change, said in (
         (lambda d: d["task"]["limits"].update(input=["0.2", "1"]), "exclude the input"),
         (lambda d: d["task"]["limits"].update(fuel="5"), "rests without input"),
@@ -183,7 +185,7 @@ MALFORMED = {
 
 @pytest.mark.parametrize("said", MALFORMED)
 def test_malformed_schedules_say_what_is_wrong(said: str) -> None:
-    found = check(changed(proven(posed(GROWING))[2], MALFORMED[said]))
+    found = check(changed(certified("growing"), MALFORMED[said]))
     assert found.outcome is Outcome.MALFORMED
     assert said in found.reason
 
@@ -193,7 +195,7 @@ def test_malformed_schedules_say_what_is_wrong(said: str) -> None:
 def test_random_corruption_of_a_schedule_never_proves_a_falsehood(seed: int) -> None:
     """One number anywhere is changed; what still proves is checked against another program."""
     rng = np.random.default_rng([7, seed])
-    content = proven(posed(HOISTING, 2))[2]
+    content = certified("hoisting_far")
     data = opened(content)
     places: list[tuple[object, object]] = []
 
@@ -228,7 +230,7 @@ def test_random_corruption_of_a_schedule_never_proves_a_falsehood(seed: int) -> 
 
 @pytest.mark.slow
 def test_hostile_schedules_end() -> None:
-    content = proven(posed(GROWING))[2]
+    content = certified("growing")
     stiff = changed(content, lambda d: d["task"]["schedule"].update(A=[[["0", "1"], ["0", "-1" + "0" * 12]]] * 2))
     assert check(stiff).outcome in {Outcome.INCONCLUSIVE, Outcome.REFUTED}
     late = changed(content, lambda d: d["claim"].update(upper=None, lower="1" + "0" * 30))

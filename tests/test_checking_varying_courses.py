@@ -148,6 +148,11 @@ def test_what_multipliers_gain(seed: int) -> None:
     same = float(made["one"][0] @ made["state"])
     assert float(varying_courses.gained(task, state, [press("one", "0.5", "2", "-3")])) == pytest.approx(-3 * same - 3 * 0.7, abs=1e-12)
     assert float(varying_courses.gained(task, state, [press("one", "2", "2", "3")])) == pytest.approx(3 * same - 3 * 0.7, abs=1e-12)
+    # And one that rests at two places: c x_ss rises from 1 to 3 in [3/4, 5/4].
+    task.schedule.outputs["one"] = rows([[1, 0, 0], [1, 0, 0], [3, 0, 0], [3, 0, 0]])
+    assert float(varying_courses.gained(task, rows([1, 5, 7]), [press("one", "1/2", "5/4", "3")])) == pytest.approx(
+        3 * (0.25 * 1 + 0.5 * 2) / 0.75 - 3 * 0.7
+    )
 
 
 def test_a_row_at_an_instant() -> None:
@@ -184,6 +189,7 @@ def test_outputs_within_their_limits_wherever_the_plant_may_rest() -> None:
     sensible(start=[3, 7])
     sensible(start=[-3, 7])
     sensible(state=(-1, -2))
+    sensible(limits={"one": "1/2"}, state=("1/8", "1/4"))
     sensible(outputs={"one": outputs["one"], "two": [[0, 1]] * 3}, limits={"one": 3, "two": 2})
     for said, changes in {
         "rests beyond": {"limits": {"one": "2.999"}},
@@ -295,9 +301,42 @@ def test_an_instant_that_is_not_known_exactly() -> None:
         assert outcome(lead({"speed": "1.5015"}), [0, arb(1, 0.001), 2], levels) != "proved"
     # The level is one of both until the last of its instants: 1.504 where it were 1 until then.
     assert outcome(lead({"speed": "1.5015"}), [0, arb(1, 0.001), 2], [1, "0.5"]) != "proved"
+    # And an early switch counts: from -3/4 on the speed is -7/4 at the end, -1.754 if the switch is at 0.999.
+    for limit, proven in (("1.7535", False), ("1.7545", True)):
+        early = lead({"speed": limit}, start=[0, "-3/4"])
+        assert (outcome(early, [0, arb(1, 0.001), 2], [1, -1]) == "proved") == proven
     # A level in a ball.
     assert outcome(lead({"speed": "1.517"}), [0, 1, 2], [arb(1, 0.01), -1]) == "proved"
     assert outcome(lead({"speed": "1.512"}), [0, 1, 2], [arb(1, 0.01), -1]) != "proved"
+
+
+def test_instants_are_followed_exactly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A level begins at a fraction as it is; while an instant is in a ball it is both. Each step is followed to its end."""
+    kicks: list[Any] = []
+    monkeypatch.setattr(varying_courses, "steps", lambda _, start, end, given: kicks.extend([end, *given]) or ())
+    ball, start = arb(1, 0.125), arb_mat(1, 4)
+    assert outcome(lead({"speed": 2}), [0, "1/3", ball, arb(2, 0.25)], [1, -2, 4]) == "proved"
+    end, *found = kicks
+    assert end >= arb("2.25")
+    instants = [at for at, _ in found]
+    assert instants[:2] == [0, fmpq(1, 3)]
+    assert [float(Fraction(str(at))) for at in instants[2:]] == pytest.approx([0.875, 1.125], abs=1e-8)
+    assert instants[2] <= fmpq(7, 8)
+    assert instants[3] >= fmpq(9, 8)
+    levels = [change(start).entries() for _, change in found]
+    assert [float(row[2]) for row in levels[:2] + levels[3:]] == [1, -2, 4]
+    assert all(levels[2][2].contains(arb(x)) for x in (-2, 4))
+    assert all(row[3] == 0 for row in levels)
+    assert all(row[0] == row[1] == 0 for row in levels)
+    monkeypatch.undo()
+    ends: list[Any] = []
+    monkeypatch.setattr(varying_courses.courses, "within", lambda course, end, *others: ends.append((end, others)))
+    assert outcome(lead({"speed": 2}), [0, "1/3", "5/7"], [1, -2]) == "proved"
+    with flint.ctx.workprec(256):
+        total = sum((x for x, _ in ends), arb(0))
+        assert total >= arb(fmpq(5, 7))
+        assert total < arb(fmpq(5, 7)) + arb("1e-30")
+    assert all(others == (2, "speed", ()) for _, others in ends)
 
 
 def test_straight_pieces() -> None:

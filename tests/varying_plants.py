@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from forgery import RECORDED
 from numpy.typing import NDArray
 from proving import found_once
 from scipy.integrate import solve_ivp
@@ -198,3 +201,43 @@ def proven(asked: Problem, gap: float = REGULAR) -> tuple[Bound, Command, bytes]
     assert check(found.certificate).outcome is Outcome.PROVED
     assert found.upper - found.lower <= gap * found.lower
     return found, found.command, found.certificate
+
+
+SWING_AND_SPEED = replace(
+    HOISTING, outputs={name: (tuple(Fraction(i == k) for k in range(4)),) * 5 for name, i in (("swing", 2), ("speed", 1))}
+)
+STEP = Fraction(1, 10)
+
+
+def _limited(plant: VaryingPlant, displacement: str, limits: Limits, *begin: str, **others: Any) -> Callable[[], Problem]:
+    initial = tuple(map(Fraction, begin)) if begin else None
+    return lambda: varying_problem(plant, Maneuver(exact(displacement), limits, initial=initial, **others))
+
+
+CERTIFIED: dict[str, tuple[Callable[[], Problem], float]] = {
+    "growing": (lambda: posed(GROWING), REGULAR),
+    "hoisting": (lambda: posed(HOISTING), REGULAR),
+    "hoisting_far": (lambda: posed(HOISTING, 2), REGULAR),
+    "hoisting_fuel": (lambda: posed(HOISTING, 2, fuel="2"), REGULAR),
+    "random": (lambda: posed(random_plant(7)), REGULAR),
+    "held": (lambda: posed(VaryingPlant.of([0, 1], [STIFF_A] * 2, [STIFF_B] * 2, [STIFF_C] * 2), "0.5"), REGULAR),
+    "sampled": (
+        _limited(
+            *(SWING_AND_SPEED, "1", Limits.of(-1, "0.8", 2, {"swing": "0.12", "speed": "0.7"}, (-4, 5)), "0", "0", "1/10", "0"),
+            sample_time=STEP,
+        ),
+        REGULAR,
+    ),
+    "sloping": (_limited(GROWING, "1", Limits.of(-1, 1, rate=(-5, 5)), "0", "1"), 5e-4),
+    "coasting": (_limited(GROWING, "0.5", Limits.of(-1, 1, deflection={"output_rate": "0.6"})), 5e-4),
+}
+"""Tasks of plants that vary, and how close their sides are."""
+
+
+@cache
+def certified(name: str) -> bytes:
+    """The certificate of one of these."""
+    if (file := RECORDED / f"varying_{name}.json").exists():
+        return file.read_bytes()
+    pose, gap = CERTIFIED[name]
+    return proven(pose(), gap)[2]

@@ -8,13 +8,15 @@ shapers with derivatives, which any number of them is known of. None shorter tha
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from relaxations.errors import ShaperError, SolverError
+from relaxations.shaping.bands import Band, exceeded
 from relaxations.shaping.humps import LEAST_TOLERANCE, MOST_HUMPS, extra_insensitive
 from relaxations.shaping.impulses import derivative_shaper
-from relaxations.shaping.insensitive import Band, Shortest, exceeded, specified
+from relaxations.shaping.insensitive import Shortest, specified
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.sensitivity import insensitive_range
 from relaxations.shaping.shapers import Shaper
@@ -51,7 +53,7 @@ def within_small(band: Band) -> Shortest:
 
     Raises `SolverError` where none of those above does.
     """
-    at = Mode(1.0, band.mode.damping)
+    at = Mode(1.0, band.damped[0])
     for one in _candidates(at, band.tolerance):
         low, high = insensitive_range(one.times, one.amplitudes, 1.0, at.damping, band.tolerance)
         if not 0.0 < low < high or high / low * (1.0 - INSIDE) < band.high / band.low:
@@ -81,7 +83,7 @@ def _lower(band: Band) -> float | None:
     for tolerance in LARGER:
         if tolerance > band.tolerance:
             try:
-                found = specified([Band(band.mode, band.low, band.high, tolerance)]).lower
+                found = specified([replace(band, tolerance=tolerance)]).lower
             except SolverError:
                 continue
             if found is not None:
