@@ -58,7 +58,7 @@ class Weighted:
         """Whether a command of this cost [s] is a minimiser, to within the bracket: False: proven that it is none; None: not decided."""
         if cost > self.upper:
             return False
-        return None if self.lower is None else cost <= self.upper
+        return None if self.lower is None else bool(cost <= self.upper)
 
     @property
     def extremal(self) -> bool:
@@ -157,8 +157,8 @@ def weighted(problem: Problem, price: float, close: float = CLOSE) -> Weighted:
             time = found.lower
         else:
             break
-    lower = target if time >= target else None
-    return Weighted(price, lower, cost, best, tuple(bounds), extremal_prices(problem, best))
+    lower = float(target) if time >= target else None
+    return Weighted(price, lower, float(cost), best, tuple(bounds), extremal_prices(problem, best))
 
 
 def _best_fuel(problem: Problem, price: float, fastest: float, cost: float) -> float | None:
