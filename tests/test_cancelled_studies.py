@@ -103,6 +103,7 @@ def test_samples_of_the_controller_hold_the_delays(tmp_path: Path) -> None:
     assert done.bound.lower <= done.command.maneuver_time * (1 + 1e-12)
 
 
+@pytest.mark.slow
 def test_a_short_tail_is_asked_for(tmp_path: Path) -> None:
     keys = ("delays = 2", 'form = "last+step"')
     short = made(tmp_path, "pitch", *keys, limits="input = [-0.5, 0.5]\ntail_length = { time = 1.0, within = 0.05 }", displacement=0.2)

@@ -111,6 +111,7 @@ def test_a_monotone_reference_never_turns_back() -> None:
     assert (np.diff(done.reference(np.linspace(0.0, 12.0, 2000))) >= -1e-12).all()
 
 
+@pytest.mark.slow
 def test_delays_on_samples_cancel_exactly() -> None:
     done = cancelling(PITCH, Request(2, "last+step", bounds=Bounds(levels=(-2.0, 2.0)), sample_time=0.25))
     assert np.array(done.delays) / 0.25 == pytest.approx(np.round(np.array(done.delays) / 0.25), abs=1e-12)
