@@ -91,13 +91,11 @@ class Designed:
         yield f"duration: {self.prefilter.duration!r} s: the shortest of its form that was found"
         rest = "the output" if self.study.command.tail else "every state"
         more = ", as robust," if self.request.robustness else ""
-        task = f"any command{more} within the limits that brings {rest} to rest: [{self.bound.lower!r}, {upper}] s: {self.bound.status.name.lower()}"
+        sides = f"[{self.bound.lower!r}, {upper}] s: {self.bound.status.name.lower()}"
+        task = f"any command{more} within the limits that brings {rest} to rest: {sides}"
         yield task if self.request.bounds.levels is not None else f"{task} (this filter is not held within them)"
         if self.least is not None:
             tails = {None: "with tails at any zeros", (): "without tails"}.get(self.request.zeros, "with tails at these zeros")
-                self.request.zeros, "with tails at these zeros"
-            )
-            more = ", as robust," if self.request.robustness else ""
             proved = f"no filter that never turns back, {tails}{more} is as short as {self.least!r} s, with any number of delays: proved"
             yield f"{proved} (for poles and zeros as doubles)"
         yield f"left of the poles that it cancels: {self.residual:.2g} of its gains (measured)"
