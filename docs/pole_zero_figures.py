@@ -2,8 +2,9 @@
 
     .venv/bin/python docs/pole_zero_figures.py FOLDER     writes them (SVG) into FOLDER
 
-Figs. 1 to 14: a mode of 1 rad/s without damping (the examples: √2 rad/s), zeros varied; Figs. 15 to 18: the pitch of an aircraft. Fig. 19,
-eleven simulated plants, is in the comparison that `slewcert compare` makes of the pair of studies `aircraft_pitch_cancelled`.
+Figs. 1 to 14: a mode of 1 rad/s without damping (the examples: √2 rad/s), zeros varied; Figs. 15 to 19: the pitch of an aircraft, Fig. 19
+for eleven plants, here in closed form (`slewcert compare` of the pair of studies `aircraft_pitch_cancelled` draws the like from runs of the
+FMU).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pole_zero_claims import AFTER, HARMONIC, ROOT_2, TURN, elevator, filters, reference
+from pole_zero_claims import AFTER, HARMONIC, ROOT_2, TURN, course, elevator, eleven, filters, reference
 
 from relaxations.cancelling.closed_forms import pole_first, pole_last, step_and_pole_last
 from relaxations.cancelling.prefilters import Prefilter
@@ -24,6 +25,7 @@ from relaxations.plants import LinearPlant
 from relaxations.response import response
 from relaxations.shaping.modes import Mode
 from reports import charts
+from reports.bundle_charts import Bundle, Run, bundles
 
 COLOURS = (charts.LINE, charts.SECOND, charts.FOURTH, charts.INK, charts.LIMIT)
 STYLES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)), (0, (9, 3)))
@@ -175,6 +177,17 @@ def pitch(title: str, names: Mapping[str, str], until: float) -> str:
     )
 
 
+def eleven_plants() -> str:
+    """Fig. 19: the pitch of eleven plants under the nominal and the robust reference."""
+    times, plants = np.linspace(0.0, 15.0, 501), eleven()
+    shown = [
+        Bundle(label, [Run(times, course(name, one, times), one == plants[5], False) for one in plants], filters()[name].duration)
+        for label, name in (("(58), nominal", "cancelling"), ("(65), robust", "robust"))
+    ]
+    title = "Fig. 19: eleven plants, the coefficient of s² within 30 %"
+    return charts.standalone(bundles(title, shown, target=TURN, output_label="pitch [rad]", until=15.0))
+
+
 def figures() -> dict[str, str]:
     """The files' names, without ending, and their content."""
     times = {name: f"{one.duration:.3f} s" for name, one in filters().items()}
@@ -193,6 +206,7 @@ def figures() -> dict[str, str]:
         "03_11_14_outputs": responses(),
         "15_16_three_references": pitch(f"Figs. 15 and 16: three references that turn by {TURN:g} rad", three, 8.0),
         "17_18_robust": pitch("Figs. 17 and 18: the nominal and the robust reference", two, 15.0),
+        "19_eleven_plants": eleven_plants(),
     }
 
 

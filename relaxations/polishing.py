@@ -153,22 +153,23 @@ def _solved(matrix: arb_mat, right: arb_mat) -> list[arb]:
     return matrix.mid().solve(right.mid(), algorithm="approx").entries()
 
 
-def polish(problem: Problem, extremal: Extremal, bits: int | None = None) -> Polished | None:
+def polish(problem: Problem, extremal: Extremal, bits: int | None = None, instants: Sequence[arb] | None = None) -> Polished | None:
     """The extremal to some 45 digits, or None if Newton's method leaves it (degenerate optima have no square system).
 
-    It may also start from a mere outline (`relaxations.refinement.outline`), where double precision has failed.
+    It may also start from a mere outline (`relaxations.refinement.outline`), where double precision has failed, or from `instants`, the
+    times to go of its switches and its duration, in more digits than doubles have.
     """
     if len(problem.plants) != 1:
         return None
     bits = bits or BITS + BITS_PER_EQUATION * problem.size
     with precision(bits):
         try:
-            return _polish(problem, extremal, bits)
+            return _polish(problem, extremal, bits, instants)
         except ZeroDivisionError:
             return None
 
 
-def _polish(problem: Problem, extremal: Extremal, bits: int) -> Polished | None:
+def _polish(problem: Problem, extremal: Extremal, bits: int, instants: Sequence[arb] | None) -> Polished | None:
     contacts, exact, arcs = extremal.tail.contacts, equations(problem, bits), len(extremal.switches_to_go) + 1
     room = [_allowance(problem, exact, contact) for contact in contacts]
     reach = problem.maneuver.limits.upper - problem.maneuver.limits.lower
@@ -178,8 +179,9 @@ def _polish(problem: Problem, extremal: Extremal, bits: int) -> Polished | None:
     left = [] if fuel is None else [arb(rational(fuel * (1 - INSIDE)))]
     system = _System(exact, levels, contacts, room, [r - margin for r, margin in zip(room, margins, strict=True)], left)
     command, costate = system.sizes
-    begin = (*extremal.switches_to_go, extremal.maneuver_time, *extremal.tail.coefficients, *(c.place for c in contacts if c.moving))
-    z, spare = [arb(float(value)) for value in begin], command - len(system.moving) - costate
+    own = instants or [arb(float(at)) for at in (*extremal.switches_to_go, extremal.maneuver_time)]
+    begin = (*extremal.tail.coefficients, *(c.place for c in contacts if c.moving))
+    z, spare = [*own, *(arb(float(value)) for value in begin)], command - len(system.moving) - costate
     if spare > 0:  # the costate's roots determine the switches
         z += [arb(rational(Fraction(value))) for value in problem.modal(extremal.costate)] + [arb(extremal.fuel) for _ in left]
         z += [arb(c.multiplier) for c in contacts]

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from flint import arb
 from numpy.typing import NDArray
 
 from relaxations import certificates, programs
@@ -121,6 +122,19 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
         near,
         begun,
     )
+
+
+def extremal_bound(problem: Problem, extremal: Extremal, to_go: Sequence[arb] | None = None) -> Bound:
+    """The bracket of a command that is known to be extremal, no grid: `PROVED`, or `BRACKETED` if a side was not proven.
+
+    `to_go`: times to go of its switches and its duration [s], where doubles do not tell them apart.
+    """
+    begun, task = time.perf_counter(), certificates.task(problem)
+    polished = polish(problem, extremal, instants=to_go)
+    proof = Proof() if polished is None else _regular(problem, task, extremal, polished)
+    reached = extremal.maneuver_time
+    found = Bound(Status.BRACKETED, 0.0, reached, extremal.costate, extremal.command(problem), len(extremal.switches_to_go), None, 0, 0.0)
+    return concluded(task, proof, found, time.perf_counter() - begun)
 
 
 def _at_ease(problem: Problem, task: dict[str, Any], settings: Settings) -> Bound | None:

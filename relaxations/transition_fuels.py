@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 
 from relaxations.maneuvers import Problem
 from relaxations.plants import fraction
@@ -49,14 +50,26 @@ def reason_against(problem: Problem) -> str | None:
     return None
 
 
+def farthest(problem: Problem) -> Fraction | None:
+    """The displacement (output units) up to which there is a first node: then the pulses meet. None where `reason_against` has a reason."""
+    if reason_against(problem) is not None:
+        return None
+    second = 2.0 * math.pi / problem.plants[0].flexible[0].natural_frequency
+    return Fraction(problem.upper * second**2) * abs(_gain(problem))
+
+
+def _gain(problem: Problem) -> Fraction:
+    """1/M: of a mass, what its output's acceleration is to the input."""
+    (plant,) = problem.plants
+    return fraction(plant.numerators[plant.output](0)) / fraction(plant.denominator.coeffs()[2])
+
+
 def nodes(problem: Problem, least: float, most: float) -> tuple[Node, ...]:
     """The nodes with fuels from `least` to `most`, most fuel first; none where `reason_against` has a reason."""
     if reason_against(problem) is not None:
         return ()
-    (plant,), upper = problem.plants, problem.upper
-    omega = plant.flexible[0].natural_frequency
-    gain = fraction(plant.numerators[plant.output](0)) / fraction(plant.denominator.coeffs()[2])  # 1/M
-    first = omega * abs(float(problem.maneuver.displacement / gain)) / math.pi
+    omega, upper = problem.plants[0].flexible[0].natural_frequency, problem.upper
+    first = omega * abs(float(problem.maneuver.displacement / _gain(problem))) / math.pi
     found = []
     for n in range(1, MOST + 1):
         fuel, second = first / n, 2.0 * math.pi * n / omega

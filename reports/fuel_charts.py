@@ -121,13 +121,18 @@ class Lines:
     quantity: str
     marks: Marks
     title: str
+    logarithmic: bool = False
 
     def draw(self, axes: Any) -> None:
         """See above."""
         for label, fuels, values, look in self.curves:
             axes.plot(fuels, values, label=label, zorder=3, **LOOKS[look % 4])
         top = max((v for _, _, values, _ in self.curves for v in values if np.isfinite(v)), default=1.0)
-        axes.set_ylim(0.0, ROOM * top or 1.0)
+        if self.logarithmic:
+            axes.set_yscale("log")
+            axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")
+        else:
+            axes.set_ylim(0.0, ROOM * top or 1.0)
         self.marks.draw(axes)
         axes.set_title(self.title, loc="left")
         axes.set_xlabel(self.fuel)
@@ -209,7 +214,8 @@ def chart(name: str, panels: Sequence[Panel], columns: int = 1) -> str:
     def fill(figure: Any, axes: Sequence[Any]) -> None:
         for panel, one in zip(panels, axes, strict=False):
             panel.draw(one)
-            one.ticklabel_format(axis="y", useOffset=False)
+            if one.get_yscale() == "linear":
+                one.ticklabel_format(axis="y", useOffset=False)
         for one in axes[len(panels) :]:
             one.set_axis_off()
 

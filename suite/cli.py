@@ -311,12 +311,12 @@ def linearize(
     metavar="LOW:HIGH[@TOLERANCE]",
     help="Frequencies, as factors of the mode's; one, or one for each mode, or several for one mode; default: 0.8:1.2.",
 )
-@click.option("--damping", metavar="LOW:HIGH", help="Damping ratios of the worst case; default: the mode's.")
+@click.option(
+    "--damping", metavar="LOW:HIGH", help="Damping ratios of the worst case, and those that si is designed for; default: the mode's."
+)
 @click.option("--negative", type=float, help="Size of the negative amplitude (sna-zv).")
 @click.option("--sums", metavar="LOW:HIGH", help="Bounds of the partial sums (sums-zv).")
-@click.option(
-    "--sample-time", type=float, help="Seconds: impulses, or pulses of one height, begin at its multiples only (zv-d:N, dl-zv, pulses-zv)."
-)
+@click.option("--sample-time", type=float, help="Seconds: impulses, or pulses of one height, begin at its multiples only.")
 @click.option("--pulse", type=float, help="Seconds: draw every impulse out to a pulse of this width.")
 @click.option("--height", type=float, help="1/s: height of the pulses (pulses-zv).")
 @click.option("--impulses", metavar="INSTANT:AMPLITUDE,…|FILE.json", help="The impulses of a custom shaper.")
@@ -362,7 +362,7 @@ def shaper(
         *shaper_references.mistakes(reference, shaped),
     ]
     given = None if reference is None else shaper_references.read_reference(reference)
-    with search_errors():
+    with search_errors(), console_shapers.searching(f"{words['kind']}: searching for it, proving it"):
         done = shaping.design(shaping.Asked(**words), wrong)
     if given is not None and shaped is not None:
         done = replace(done, shaped=shaper_references.write_shaped(given, done.shaper, shaped))

@@ -88,10 +88,11 @@ def tradeoff(study: Path, tolerances: str | None, widths: str | None, plot: Path
 @click.option("--level", type=float, default=0.05, show_default=True, help="Residual at which insensitivity is measured, of a step.")
 @click.option("--higher-mode", "higher", type=float, default=3.0, show_default=True,
               help="The mode that nobody modelled, times the highest frequency.")  # fmt: skip
+@click.option("--held/--no-held", default=True, show_default=True,
+              help="Look too at commands held in the form of pulses one way, then the other, and at α_crit.")  # fmt: skip
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw the overview to this file (SVG).")
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Write every picture, a page that shows them, and the record into this folder."
-)
+@click.option("--out", type=click.Path(path_type=Path),
+              help="Folder for every picture, a page, and the record; default: NAME-fuel, unless --json or --plot is given.")  # fmt: skip
 @click.option("--certificates", type=click.Path(path_type=Path), help="Write every point's proof into this folder.")
 @SANDBOX
 @AS_JSON
@@ -105,6 +106,7 @@ def fuel(
     shown: tuple[str, ...],
     level: float,
     higher: float,
+    held: bool,
     plot: Path | None,
     out: Path | None,
     certificates: Path | None,
@@ -119,8 +121,12 @@ def fuel(
     from suite.loading import load_study
 
     fuel_pictures.drawable(plot)
+    if out is None and plot is None and not as_json:
+        out = Path(f"{study.stem}-fuel")
     asked = fuel_records.Settings(level, higher)
-    planned = fuel_plans.plan(load_study(study), least, most, count, names or fuel_plans.DEFAULT_KINDS, shown, asked)
+    planned = fuel_plans.plan(
+        load_study(study), least, most, count, names or fuel_plans.DEFAULT_KINDS, shown, asked, held=held, weights=held
+    )
     with console.progress("bracketing", planned.count) as bar:
         done = fuel_sweeps.sweep(planned, certificates, bar.advance)
     files = fuel_pictures.write(done, out) if out else []

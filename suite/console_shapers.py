@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from suite.comparison import Comparison
@@ -16,6 +19,19 @@ def decimals(column: Sequence[float]) -> list[str]:
     """Ten decimals, where they show what there is; else eleven digits."""
     plain = not any(column) or 1e-3 <= max(map(abs, column)) < 1e7
     return [f"{number:.10f}" if plain else f"{number:.11g}" for number in column]
+
+
+@contextmanager
+def searching(title: str) -> Iterator[None]:
+    """What is searched for, and for how long, on standard error; nothing where that is no terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), TextColumn("Ctrl-C ends it")
+    with Progress(*columns, console=console, transient=True) as bar:
+        bar.add_task(escape(title), total=None)
+        yield
 
 
 def show_shaper(done: Shaping) -> None:

@@ -58,7 +58,7 @@ def show_fuel(done: FuelSweep, files: Sequence[Path]) -> None:
     console.print(shown)
     for line in fuel_text.lines(done):
         console.print(escape(line), soft_wrap=True)
-    points = [point for curve in done.curves for point in curve.points]
+    points = [point for curve in done.curves for point in (*curve.points, *curve.held)]
     proven = sum(point.status in ("proved", "impossible") for point in points)
     console.print(f"{len(done.curves[0].points)} budgets, {len(points)} minimum times, {proven} proven, {done.seconds:.1f} s")
     for file in files:

@@ -63,6 +63,8 @@ def pictures(done: FuelSweep) -> list[tuple[str, str, str]]:
     told: list[tuple[str, str, Callable[[str], str]]] = [
         ("slew-time", "Slew time against fuel", lambda name: chart(name, [_times(done)])),
     ]
+    if any(curve.efficient is not None for curve in done.curves):
+        told.append(("form", "What pulses one way, then the other, cost", lambda name: chart(name, [_form(done)])))
     for curve in done.curves:
         caption = f"Switches against fuel, {curve.kind.title}"
         told.append((f"switches-{curve.kind.name}", caption, lambda name, curve=curve: chart(name, [_profiles(done, curve)])))
@@ -73,7 +75,27 @@ def pictures(done: FuelSweep) -> list[tuple[str, str, str]]:
             told.append(("sensitivity", "Residual vibration against the true frequency", lambda name: chart(name, [_sensitivity(done)])))
         higher = f"Excitation of a mode that nobody modelled, {_far(done)}"
         told.append(("higher-mode", higher, lambda name: chart(name, [_higher(done)])))
+    if len(done.weights) > 1:
+        caption = "Weight of fuel at which the first node is the better choice than more fuel"
+        told.append(("alpha", caption, lambda name: chart(name, [_weights(done)])))
     return [(stem, caption, make(caption)) for stem, caption, make in told]
+
+
+def _form(done: FuelSweep) -> Lines:
+    """What is lost by the form that is held, where that is known."""
+    curves = []
+    for look, curve in enumerate(done.curves):
+        held, efficient = {point.fuel: point.bound.upper for point in curve.held}, curve.efficient
+        known = []
+        for point in curve.points:
+            one_way = point.pulses is not None and point.pulses.type == 1
+            slack = efficient is not None and efficient.burnt is not None and float(point.fuel) >= efficient.burnt
+            time = point.bound.upper if one_way else held.get(point.fuel, efficient.bound.upper if efficient and slack else None)
+            if time is not None and point.bound.upper is not None:
+                known.append((float(point.fuel), max(100.0 * (time / point.bound.upper - 1.0), 0.0)))
+        if efficient is not None and known:
+            curves.append((curve.kind.title, [x for x, _ in known], [share for _, share in known], look))
+    return Lines(curves, _fuel(done), "slower than the fastest [%]", _marks(done), "Pulses one way, then the other")
 
 
 def _fuel(done: FuelSweep) -> str:
@@ -96,7 +118,19 @@ def _times(done: FuelSweep) -> SlewTimes:
         below = [math.nan if low is None else low for low, _ in stairs(curve.points, -1)]
         states = [point.status for point in curve.points]
         curves.append(Times(curve.kind.title, _fuels(curve), lower, upper, states, below, look))
-    return SlewTimes(curves, _fuel(done), _marks(done), "Slew time")
+    held = [found for look, curve in enumerate(done.curves) if (found := _held(curve, look)) is not None]
+    return SlewTimes(curves, _fuel(done), _marks(done), "Slew time", held)
+
+
+def _held(curve: Curve, look: int) -> tuple[str, list[float], list[float], int] | None:
+    """What the form costs, where it costs anything: its points, and from what it burns at most on the time that it takes then."""
+    efficient, most = curve.efficient, float(curve.points[-1].fuel)
+    if efficient is None or efficient.burnt is None or efficient.bound.upper is None:
+        return None
+    points = [(float(point.fuel), point.bound.upper) for point in curve.held if point.bound.upper is not None]
+    points += [(x, efficient.bound.upper) for x in (efficient.burnt, most) if x <= most]
+    label = f"{curve.kind.title}, pulses one way, then the other"
+    return (label, [x for x, _ in points], [t for _, t in points], look) if len(points) > 1 else None
 
 
 def _both(point: Point) -> tuple[float, float]:
@@ -124,6 +158,16 @@ def _narrow(done: FuelSweep) -> Lines:
 def _higher(done: FuelSweep) -> Lines:
     label = "largest residual [steps of the input]"
     return _measured(done, label, f"An unmodelled mode, {_far(done)}", lambda point: point.higher_mode, every=True)
+
+
+def _weights(done: FuelSweep) -> Lines:
+    x, alphas = [float(weight.displacement) for weight in done.weights], [weight.alpha for weight in done.weights]
+    unit = f" [{done.study.plant.output_unit}]" if done.study.plant.output_unit else ""
+    marks = Marks({}, abs(float(done.study.maneuver.displacement)))
+    label = f"α_crit [s per {done.unit}]"
+    return Lines(
+        [("ZV", x, alphas, 1)], f"displacement{unit}", label, marks, "Below α_crit more fuel than that of node 1 pays", logarithmic=True
+    )
 
 
 def _far(done: FuelSweep) -> str:

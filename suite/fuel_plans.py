@@ -14,6 +14,7 @@ from relaxations.maneuvers import Maneuver, Problem, problem
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
 from relaxations.shaping.references import rigid_part
+from relaxations.spending import least_fuel
 from relaxations.transition_fuels import Node, nodes, reason_against
 from suite.design import pose
 from suite.errors import ABSENT, Mistake, StudyError, SuiteError
@@ -25,6 +26,7 @@ DEFAULT_KINDS = ("rb", "zv", "zvd")
 KIND = re.compile(r"rb|zv(d*)")
 MOST_ZEROS, MOST_POINTS, POINTS = 6, 2000, 200
 SPARING = 7  # without --from: the most that any of the kinds burns, divided by this
+MORE = 1.02  # times the fuel that every command needs: with hardly more than that a move takes for ever
 DIGITS = 4  # of a node's fuel where it is written as a budget, rounded up
 MOST_HIGHER = 1000.0
 
@@ -46,11 +48,13 @@ class Plan:
     nodes: tuple[tuple[Fraction, Node], ...]
     settings: Settings
     notes: tuple[str, ...]
+    held: bool = True
+    weights: bool = True
 
     @property
     def count(self) -> int:
         """How many minimum times."""
-        return len(self.budgets) * len(self.posed)
+        return len(self.budgets) * len(self.posed) + (sum(kind.zeros is not None for kind, _ in self.posed) if self.held else 0)
 
 
 def kinds(names: Sequence[str]) -> tuple[Kind, ...]:
@@ -104,6 +108,9 @@ def plan(
     names: Sequence[str] = DEFAULT_KINDS,
     shown: Sequence[str] = (),
     settings: Settings | None = None,
+    *,
+    held: bool = True,
+    weights: bool = True,
 ) -> Plan:
     """Choose the budgets; raises `StudyError` for a study that burns no fuel, or for ever, `FuelError` for options that make no sense."""
     low, high = budget("--from", least), budget("--to", most)
@@ -131,7 +138,8 @@ def plan(
     if not burns:
         raise StudyError(str(study.file), [Mistake("maneuver", ABSENT, "no command of any kind was found, with as much fuel as it takes")])
     high = high or _up(max(burns), 3)
-    low = low or _up(float(high) / SPARING, 2)
+    needed = max((least_fuel(problem_) or 0.0 for _, problem_ in posed), default=0.0)
+    low = low or max(_up(float(high) / SPARING, 2), _up(MORE * needed, 3) if needed else Fraction(0))
     if not low < high:
         raise FuelError(f"--from {written(low)} --to {written(high)}: the sweep goes from less fuel to more")
     budgets = set(spread(low, high, count))
@@ -150,7 +158,7 @@ def plan(
         notes.append("the sweep is one of commands of any form, not of the study's own")
     if study.command.robustness != 0:
         notes.append("the kinds replace the study's own robustness")
-    return Plan(study, plant, posed, free, tuple(sorted(budgets)), tuple(asked), tuple(known), chosen, tuple(notes))
+    return Plan(study, plant, posed, free, tuple(sorted(budgets)), tuple(asked), tuple(known), chosen, tuple(notes), held, weights)
 
 
 def _require(study: Study) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 from relaxations.bounds import Bound
 from relaxations.maneuvers import Problem
 from relaxations.transition_fuels import Node
+from suite.fuel_weights import Weight
 from suite.quantities import Modes
 from suite.study import Study
 from suite.sweeps import claimed, sides
@@ -19,6 +20,7 @@ from suite.sweeps import claimed, sides
 LEVEL = 0.05  # at which insensitivity is measured unless said otherwise
 HIGHER = 3.0  # times the highest frequency that is modelled: about where the mode is that nobody modelled
 BENT = 2.0  # a knee bends the curve this many times as much as the curve is bent before it bends the next time
+MOST_KNEES = 4  # of a curve: the clearest ones
 CLEAR = 1e-9  # gap above which a point says nothing about the curve's bends
 
 
@@ -107,13 +109,25 @@ class Point:
 @dataclass(frozen=True, slots=True)
 class Curve:
     """The points of one kind by ascending fuel; `free` is its fastest command without a budget, `least` [input units · s] the fuel that
-    every command of it needs, whatever its time, where that is more than 0."""
+    every command of it needs, whatever its time, where that is more than 0. `efficient` is the fastest command without a budget whose
+    pulses go one way first, then the other (type 1); `held` are points of that form at budgets where the fastest command is not of it."""
 
     kind: Kind
     posed: Problem
     free: Point
     points: tuple[Point, ...]
     least: float | None = None
+    efficient: Point | None = None
+    held: tuple[Point, ...] = ()
+
+    @property
+    def penalty(self) -> tuple[float, Point] | None:
+        """By what share the form costs the most, and where: the command of type 1 over the fastest one; None if that is not known."""
+        pairs = [(point.bound.upper, self.at(point.fuel), point) for point in self.held]
+        if self.efficient is not None and self.efficient.bound.upper is not None and self.free.bound.upper is not None:
+            pairs.append((self.efficient.bound.upper, self.free, self.efficient))
+        known = [(up / free.bound.upper - 1.0, one) for up, free, one in pairs if up is not None and free and free.bound.upper]
+        return max(known, key=lambda pair: pair[0], default=None)
 
     @property
     def knees(self) -> tuple[Point, ...]:
@@ -138,6 +152,8 @@ class Curve:
             "unlimited": self.free.to_dict() | {"fuel": None},
             "least_fuel": self.least,
             "points": [point.to_dict() for point in self.points],
+            "fuel_efficient": None if self.efficient is None else self.efficient.to_dict() | {"fuel": None},
+            "held": [point.to_dict() for point in self.held],
             "knees": [float(point.fuel) for point in self.knees],
         }
 
@@ -174,7 +190,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class FuelSweep:
-    """The curves, the prudent choices, the budgets that are shown in full, and what a reader should know."""
+    """The curves, the prudent choices, the budgets shown in full, what a reader should know, and α_crit against the displacement."""
 
     study: Study
     modes: Modes
@@ -184,6 +200,7 @@ class FuelSweep:
     shown: tuple[Fraction, ...]
     seconds: float
     notes: tuple[str, ...] = ()
+    weights: tuple[Weight, ...] = ()
 
     @property
     def unit(self) -> str:
@@ -209,6 +226,7 @@ class FuelSweep:
             "higher_mode": self.settings.higher,
             "curves": [curve.to_dict() for curve in self.curves],
             "choices": [choice.to_dict() for choice in self.choices],
+            "critical_weights": [weight.to_dict() for weight in self.weights],
             "shown": [float(fuel) for fuel in self.shown],
             "notes": list(self.notes),
             "seconds": round(self.seconds, 6),
@@ -222,13 +240,16 @@ def _knees(points: Sequence[Point]) -> tuple[Point, ...]:
         left, right = float(here.fuel - before.fuel), float(after.fuel - here.fuel)
         times = [point.bound.upper or 0.0 for point in (before, here, after)]
         bends.append(2.0 * ((times[0] - times[1]) / left - (times[1] - times[2]) / right) / (left + right))
-    found, top, place, flat = [], 0.0, -1, 0.0
+    found: list[tuple[float, Point]] = []
+    top, place, flat = 0.0, -1, 0.0
     for i in reversed(range(len(bends))):
         if bends[i] >= top and bends[i] > BENT * flat:
             top, place = bends[i], i
         elif place >= 0 and bends[i] * BENT < top:
-            found.append(points[place + 1])
+            knee = points[place + 1]
+            found.append((top * float(knee.fuel) ** 2 / (knee.bound.upper or 1.0), knee))  # whatever the units of fuel and time
             top, place, flat = 0.0, -1, max(bends[i], 0.0)
         if place < 0:
             flat = min(flat, max(bends[i], 0.0))
-    return tuple(found)
+    clearest = sorted(found, key=lambda pair: -pair[0])[:MOST_KNEES]
+    return tuple(sorted((knee for _, knee in clearest), key=lambda point: -point.fuel))

@@ -18,16 +18,19 @@ import numpy as np
 from relaxations.bounds import Bound, Status
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Problem, problem
+from relaxations.onoff.held import towards
 from relaxations.proofs import minimum_time
 from relaxations.shaping.sensitivity import residual
 from relaxations.spending import least_fuel
 from suite.errors import Mistake, StudyError
 from suite.fuel_plans import Plan, written
 from suite.fuel_records import Choice, Curve, FuelSweep, Point, Pulses, Settings
+from suite.fuel_weights import critical_weights
 from suite.quantities import Modes, command_insensitivity, step_impulses
 from suite.study import Study
 from suite.sweeps import extrapolated, kept
 
+MOST_HELD = 6  # budgets of one kind at which the form is held: a proof of it takes a second or more
 AROUND = np.linspace(0.8, 1.2, 81)  # times where an unmodelled mode is looked for: it may be anywhere there
 
 
@@ -48,12 +51,46 @@ def sweep(planned: Plan, certificates: Path | None = None, advance: Callable[[],
             found.append(replace(point, certificate=kept(certificates, f"{stem}.{written(fuel)}", bound)))
             advance()
         unlimited = _measured(Point(Fraction(0), free, certificate=kept(certificates, stem, free)), posed, modes, planned.settings)
-        curves.append(Curve(kind, posed, unlimited, tuple(reversed(found)), least_fuel(posed)))
+        curve = Curve(kind, posed, unlimited, tuple(reversed(found)), least_fuel(posed))
+        if planned.held and kind.zeros is not None:
+            curve = _held(planned, curve, modes, certificates)
+            advance()
+        curves.append(curve)
     done = tuple(curves)
     choices = _choices(planned, done)
-    seconds = sum(point.bound.seconds for curve in done for point in (curve.free, *curve.points))
+    more = [point for curve in done for point in (curve.efficient, *curve.held) if point is not None]
+    seconds = sum(point.bound.seconds for point in (*more, *(one for curve in done for one in (curve.free, *curve.points))))
     shown = planned.shown or tuple(sorted({choice.fuel for choice in choices if choice.node} or {choice.fuel for choice in choices}))[-2:]
-    return FuelSweep(planned.study, modes, planned.settings, done, choices, shown, seconds, planned.notes)
+    zero = next((curve.posed for curve in done if curve.kind.zeros == 0), None)
+    weights = critical_weights(zero) if planned.weights and zero is not None else ()
+    return FuelSweep(planned.study, modes, planned.settings, done, choices, shown, seconds, planned.notes, weights)
+
+
+def _held(planned: Plan, curve: Curve, modes: Modes, certificates: Path | None) -> Curve:
+    """The curve with the commands of its kind whose pulses go one way first: without a budget, and where the fastest command is not so.
+
+    What that command without a budget does not burn is of no use to the form, so no budget of more is looked at.
+    """
+    posed, stem = curve.posed, f"{planned.study.file.stem}.{curve.kind.name}.held"
+    maneuver = posed.maneuver
+    try:
+        side = towards(posed.plants[0], maneuver.displacement)
+        form = problem(posed.plants, replace(maneuver, limits=replace(maneuver.limits, held=side)))
+    except ManeuverError:
+        return curve
+    bound = minimum_time(form)
+    file = kept(certificates, stem, bound)
+    efficient = _measured(Point(Fraction(0), bound, certificate=file), posed, modes, planned.settings)
+    if efficient.burnt is None:
+        return replace(curve, efficient=efficient)
+    open_ = [point for point in curve.points if (point.pulses is None or point.pulses.type == 2) and point.fuel < efficient.burnt]
+    chosen = open_ if len(open_) <= MOST_HELD else [open_[round(i * (len(open_) - 1) / (MOST_HELD - 1))] for i in range(MOST_HELD)]
+    found = []
+    for point in chosen:
+        bound = minimum_time(_with(planned.study, form, point.fuel), near=point.bound.upper)
+        file = kept(certificates, f"{stem}.{written(point.fuel)}", bound)
+        found.append(_measured(Point(point.fuel, bound, certificate=file), posed, modes, planned.settings))
+    return replace(curve, efficient=efficient, held=tuple(found))
 
 
 def _with(study: Study, posed: Problem, fuel: Fraction) -> Problem:

@@ -61,6 +61,14 @@ def lines(done: FuelSweep) -> Iterator[str]:
     for choice in done.choices:
         yield _choice(done, choice)
     for curve in done.curves:
+        yield from _form(done, curve)
+    own = next((weight for weight in done.weights if weight.displacement == abs(done.study.maneuver.displacement)), None)
+    if own is not None:
+        yield (
+            f"ZV: by T + α·fuel more fuel than that of node 1 pays only below α_crit = {own.alpha:.6f} s per {done.unit} "
+            "(from proven times beside the node)"
+        )
+    for curve in done.curves:
         yield from _turned(done, curve)
         short = [point for point in curve.points if point.status == "impossible"]
         if short:
@@ -82,6 +90,19 @@ def _choice(done: FuelSweep, choice: Choice) -> str:
     return f"{choice.kind.title}, {written(choice.fuel)} {done.unit}: {choice.why}{exact}: [{lower}, {upper}] s: {point.status}"
 
 
+def _form(done: FuelSweep, curve: Curve) -> Iterator[str]:
+    """What the commands cost whose pulses go one way first."""
+    efficient, costly = curve.efficient, curve.penalty
+    if efficient is None or efficient.burnt is None or efficient.bound.upper is None or costly is None:
+        return
+    _, lower, upper, *_ = bracket_cells(efficient.bound)
+    share, point = costly
+    where = "without a budget" if point is efficient else f"at {written(point.fuel)} {done.unit}"
+    what = 'fuel-efficient (kind = "fuel-efficient": pulses one way, then the other, as much fuel as it takes)'
+    burns = f"{efficient.burnt:.6f} {done.unit}, [{lower}, {upper}] s: {efficient.status}"
+    yield f"{curve.kind.title}, {what}: {burns}; holding this form costs at most {100 * share:.3f} %, {where}"
+
+
 def _turned(done: FuelSweep, curve: Curve) -> Iterator[str]:
     for less, more in curve.turns:
         assert less.pulses is not None
@@ -97,9 +118,11 @@ def how_to(done: FuelSweep) -> tuple[str, ...]:
     best = done.choices[0] if done.choices else None
     fuel = written(best.fuel) if best else written(done.curves[-1].points[-1].fuel)
     zeros = (best.kind.zeros if best else done.curves[-1].kind.zeros) or 0
+    rigid = done.modes and any(curve.kind.zeros is None for curve in done.curves)
     return (
         f"to take a point: in the study fuel = {fuel} under [limits], robustness = {zeros} under [command] (ZV: 0, ZVD: 1, ZVDD: 2); "
         "then slewcert bound, or slewcert verify",
+        *(["the rigid body's commands are there to compare with: they leave the modes swinging"] if rigid else []),
     )
 
 

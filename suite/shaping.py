@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 from relaxations.checking.worst import Worst, worst_residual
 from relaxations.errors import RelaxationsError, ShaperError
+from relaxations.shaping.bands import Band
 from relaxations.shaping.deflection import deflection
-from relaxations.shaping.insensitive import Band
 from relaxations.shaping.kinds import KINDS, find, make, mistakes
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.moves import Move
@@ -166,36 +166,25 @@ def assess(kind: str, request: Request, damping: tuple[float, float] | None = No
 
     Raises `ShaperError`, `ImpossibleShaperError`, `SolverError`.
     """
+    request = replace(request, dampings=damping)
     reaches = request.reaches()
     made = make(kind, request)
     times, amplitudes, order = made.shaper.excitation
-    found = [_reach(made.shaper, number, band, damping) for number, band in reaches]
-    kept = [_reach(made.shaper, number, band, None) for number, band in made.ranges]
+    found = [_reach(made.shaper, number, band) for number, band in reaches]
+    kept = [_reach(made.shaper, number, band) for number, band in made.ranges]
     width = min(insensitivity(times, amplitudes, mode.frequency, mode.damping, request.tolerance, order) for mode in request.modes)
     strays = None
     if request.deflection is not None:
         each = [deflection(made.shaper, mode) for mode in request.modes]
         strays = max(one.lower for one in each), max(one.upper for one in each)
     return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping,
-                   deflection=strays, ranges=tuple(kept), notes=(*made.notes, *_beside(kind, found, damping)))  # fmt: skip
+                   deflection=strays, ranges=tuple(kept), notes=made.notes)  # fmt: skip
 
 
-def _beside(kind: str, reaches: Sequence[Reach], damping: tuple[float, float] | None) -> tuple[str, ...]:
-    """What a range of dampings does not do: `si` is designed for the modes' own."""
-    if kind != "si" or damping is None or all(damping == (reach.band.mode.damping,) * 2 for reach in reaches):
-        return ()
-    over = [reach for reach in reaches if reach.worst.upper > reach.band.tolerance]
-    what = "si keeps the tolerance over the band at each mode's own damping; the range of dampings is looked at and not designed for"
-    if not over:
-        return (f"{what}: over all of it the tolerance is kept",)
-    each = ", ".join(f"{reach.worst.upper:.4g} instead of {reach.band.tolerance:g} of mode {reach.mode}" for reach in over)
-    return (f"{what}: over all of it as much as {each} may be left; a smaller --tolerance or a wider --band leaves less",)
-
-
-def _reach(shaper: Shaper, number: int, band: Band, damping: tuple[float, float] | None) -> Reach:
+def _reach(shaper: Shaper, number: int, band: Band) -> Reach:
     times, amplitudes, order = shaper.excitation
     exact = [Fraction(t) for t in times], [Fraction(a) for a in amplitudes]
-    low, high = damping or (band.mode.damping, band.mode.damping)
+    low, high = band.dampings or (band.mode.damping, band.mode.damping)
     frequencies = [Fraction(repr(factor)) * Fraction(repr(band.mode.frequency)) for factor in (band.low, band.high)]
     box = (frequencies[0], frequencies[1]), (Fraction(repr(low)), Fraction(repr(high)))
     return Reach(number + 1, band, worst_residual(*exact, *box, relative=PROVEN, absolute=PROVEN * band.tolerance, order=order))

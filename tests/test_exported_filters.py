@@ -15,10 +15,13 @@ from raw_fmus import RawFmu
 from scipy.linalg import expm
 
 from fmus.blocks import Signal, shaper_block
+from fmus.build import build
 from fmus.compiling import FmiVersion, host
 from fmus.exporting import export
 from relaxations.cancelling.closed_forms import pole_last, step_and_pole_last
 from relaxations.cancelling.prefilters import Prefilter, cascade
+from relaxations.cancelling.requests import Request, cancelling
+from relaxations.plants import LinearPlant
 from relaxations.shaping.modes import Mode
 from suite.cli import main
 
@@ -30,6 +33,7 @@ FILTERS = {  # (15), (40), (47) of Singh 2012 and the one for samples; the terms
     "on samples": step_and_pole_last(MODE, [-1.0], 1.25),
     "a product": cascade(pole_last(MODE, [-1.0]), pole_last(Mode(2.0, 0.1), [-0.5])),
 }
+SLOW = {"real zeros", "two zeros", "on samples"}  # each is a compilation
 ROUNDING = 1e-12  # of values up to 3: a few hundred sums and exponentials
 
 
@@ -39,7 +43,7 @@ def written(folder: Path, content: Prefilter, version: FmiVersion) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", FILTERS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in FILTERS])
 def test_filters_any_reference_at_any_steps(name: str, tmp_path: Path) -> None:
     version = VERSIONS[len(name) % 2]
     rng = np.random.default_rng(len(name))
@@ -86,6 +90,30 @@ def test_in_front_of_the_plant_any_reference_comes_to_rest(tmp_path: Path) -> No
     assert np.abs(output(inputs) - values[-1])[done].max() < 5e-3  # inputs are held for a millisecond: first order in it
     assert np.abs(output(2.0 * values) - values[-1])[done].max() > 0.5
     assert np.ptp(inputs[done]) > 0.1  # it goes on along the zero
+
+
+def test_the_aircraft_follows_any_reference(tmp_path: Path) -> None:
+    """Both FMUs, coupled every 10 ms as any importer would: the pitch is where the reference is, the filter's duration after that stops."""
+    content = cancelling(LinearPlant.from_transfer(["1.151", "0.1774"], [1, "0.739", "2.072", "0.1774"]), Request(1, "last+step"))
+    step, rng = 1e-2, np.random.default_rng(6)
+    values = np.repeat(0.2 * rng.normal(size=9), [*[50] * 8, 500])
+    found = {}
+    for name, path in (("filtered", written(tmp_path, content, "3.0")), ("plain", None)):
+        with RawFmu(build("aircraft_pitch", "3.0"), tmp_path / name) as plant:
+            plant.initialize({"reference": 0.0})
+            times = (step * np.arange(len(values) + 1)).tolist()
+            inputs = values.tolist()
+            if path is not None:
+                with RawFmu(path, tmp_path / "fmu") as shaper:
+                    shaper.initialize({"rest": 0.0, "reference": float(values[0])})
+                    inputs = drive(shaper, times, inputs)
+            pitch = []
+            for now, value in zip(times, inputs, strict=False):
+                plant.set({"reference": value})
+                plant.step(now, step)
+                pitch += plant.get(["pitch"])
+            found[name] = np.abs(np.array(pitch) - values[-1])[np.array(times[1:]) > 4.0 + content.duration + 0.05].max()
+    assert found["filtered"] < 3e-3 < 0.05 < found["plain"]  # of steps of 0.2 rad: the filter's tail is held for 10 ms
 
 
 def test_the_command_line_takes_the_file(tmp_path: Path) -> None:

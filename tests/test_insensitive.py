@@ -7,16 +7,19 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from independent_shaping import shortest_positive
 from marks import first, slow
 from scipy.optimize import linprog
 
 from relaxations.checking.durations import Condition, none_as_short
 from relaxations.checking.worst import worst_residual
 from relaxations.errors import ShaperError
+from relaxations.shaping.bands import Band
 from relaxations.shaping.impulses import derivative_shaper
-from relaxations.shaping.insensitive import Band, Shortest, specified
+from relaxations.shaping.insensitive import Shortest, specified
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.sensitivity import residual
+from relaxations.shaping.small_tolerances import within
 
 PROVEN = 1.1e-8  # relative distance of the lower bound: it is tried at 1e-8 first
 
@@ -164,3 +167,40 @@ def test_mistakes_are_named(make, words: list[str]):
     with pytest.raises(ShaperError) as caught:
         make()
     assert all(word in str(caught.value) for word in words)
+
+
+@pytest.mark.parametrize(
+    ("band", "dampings"),
+    [
+        ((0.8, 1.2, 0.05), (0.0, 0.1)),
+        ((1.0, 1.0, 0.05), (0.0, 0.2)),
+        ((0.9, 1.1, 0.02), (0.1, 0.6)),
+        pytest.param((0.7, 1.3, 0.05), (0.05, 0.3), marks=pytest.mark.slow),
+    ],
+)
+def test_a_range_of_dampings_is_designed_for(band: tuple[float, float, float], dampings: tuple[float, float]):
+    """The tolerance holds in the whole box, which the edges tell; each single damping takes no longer; no shorter one keeps the corners."""
+    mode = Mode(2 * math.pi, (dampings[0] + dampings[1]) / 2)
+    found = specified([Band(mode, *band, dampings)])
+    times, amplitudes = found.shaper.times, found.shaper.amplitudes
+    box = [residual(times, amplitudes, np.linspace(band[0], band[1], 201) * mode.frequency, z).max() for z in np.linspace(*dampings, 101)]
+    assert max(box) <= band[2]
+    assert max(box) == pytest.approx(band[2], rel=1e-6)
+    assert found.lower == pytest.approx(found.shaper.duration, rel=PROVEN)
+    alone = [specified([Band(Mode(mode.frequency, z), *band)]).shaper.duration for z in (dampings[0], mode.damping, dampings[1])]
+    assert found.shaper.duration > max(alone) * (1 - 1e-9)
+    places = [(f * mode.frequency, z, band[2]) for f in np.linspace(band[0], band[1], 9) for z in np.linspace(*dampings, 5)]
+    assert shortest_positive(places, cells=120, corners=32) == pytest.approx(found.shaper.duration, rel=0.02)
+
+
+def test_wrong_dampings_of_a_band_are_named():
+    with pytest.raises(ShaperError, match=r"not from 0\.2 to 0\.1"):
+        Band(Mode(1.0, 0.15), 0.9, 1.1, 0.05, (0.2, 0.1))
+
+
+def test_a_small_tolerance_over_a_range_of_dampings_is_kept_by_a_shaper_with_derivatives():
+    band = Band(Mode(2 * math.pi, 0.05), 0.95, 1.05, 1e-8, (0.04, 0.06))
+    found = within([band])
+    for damping in np.linspace(0.04, 0.06, 11):
+        omega = np.linspace(0.95, 1.05, 101) * 2 * math.pi
+        assert residual(found.shaper.times, found.shaper.amplitudes, omega, damping).max() <= 1e-8

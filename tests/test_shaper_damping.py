@@ -12,7 +12,8 @@ from scipy.optimize import brentq, minimize_scalar
 
 from relaxations.checking.worst import worst_residual
 from relaxations.errors import ShaperError
-from relaxations.shaping.humps import extra_insensitive, unity_derivatives, unity_magnitude
+from relaxations.shaping.bounded import bounded
+from relaxations.shaping.humps import extra_insensitive, unity_magnitude
 from relaxations.shaping.impulses import derivative_shaper
 from relaxations.shaping.kinds import make
 from relaxations.shaping.least_durations import least_with_derivatives
@@ -114,7 +115,7 @@ def test_the_function_that_proves_it_has_one_sign(n: int):
 def test_unity_magnitude_near_critical_damping(derivatives: int):
     """As doubles its gaps may vanish; what is left is still nothing."""
     for damping in (0.9, 0.99):
-        shaper = unity_derivatives(Mode(1.0, damping), derivatives)
+        shaper = bounded([Mode(1.0, damping)], 0, 1, derivatives).shaper
         assert sum(shaper.amplitudes) == 1.0
         assert float(residual(shaper.times, shaper.amplitudes, 1.0, damping)[0]) < 1e-12
 

@@ -16,8 +16,8 @@ from relaxations.commands import Command
 from relaxations.errors import ShaperError
 from relaxations.plants import LinearPlant
 from relaxations.response import response
+from relaxations.shaping.bands import Band
 from relaxations.shaping.impulses import derivative_shaper, negative_zv
-from relaxations.shaping.insensitive import Band
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.moves import Move, in_turn, left_over, rigid, with_zeros, within_bands
 from suite.cli import main

@@ -60,6 +60,11 @@ def test_some_of_them(kind: str, damping: float, tolerance: float) -> None:
 @pytest.mark.parametrize("damping", DAMPINGS)
 @pytest.mark.parametrize("kind", EXACT)
 def test_nothing_is_left_at_any_damping(kind: str, damping: float) -> None:
+    if kind.startswith("um-") and damping == 0.999:
+        # Its impulses stand closer to each other than doubles tell.
+        with pytest.raises(SolverError, match="may be left out"):
+            make(kind, Request((Mode(FREQUENCY, damping),)))
+        return
     made = make(kind, Request((Mode(FREQUENCY, damping),)))
     assert made.least is None or 0.0 < made.least.duration <= made.shaper.duration
     assert made.least is not None or made.notes

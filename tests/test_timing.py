@@ -264,3 +264,30 @@ def test_what_makes_no_sense_is_told(words: list[str], said: str):
     assert done.exit_code == 2
     assert said in done.output
     assert "Traceback" not in done.output
+
+
+def random_plant(rng: np.random.Generator) -> LinearPlant:
+    """One to three factors, of coefficients that doubles hold exactly: rigid, real, flexible, repeated now and then."""
+    denominator = np.array([1.0])
+    for kind in rng.choice(["mode", "mode", "real", "rigid"], rng.integers(1, 4)):
+        frequency, damping = 2.0 ** rng.integers(-3, 5), rng.choice([0.0, 0.0625, 0.25, 0.5])
+        factor = {"mode": [1.0, 2 * damping * frequency, frequency**2], "real": [1.0, frequency], "rigid": [1.0, 0.0]}[kind]
+        denominator = np.polymul(denominator, factor)
+    numerator = rng.integers(1, 5, rng.integers(1, len(denominator))).astype(float)
+    return LinearPlant.from_transfer(numerator.tolist(), denominator.tolist())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(40))
+def test_random_errors_of_random_moves_leave_no_more_than_the_bound(seed: int):
+    rng = np.random.default_rng(seed)
+    plant, count = random_plant(rng), int(rng.integers(2, 7))
+    times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.3, 2.0, count))]).tolist()
+    events = timing.events(command(times, [1.0, *rng.choice([-1.0, 0.0, 0.5, 1.0], count - 1)]), together=bool(rng.integers(2)))
+    within = min(timing.room(events), 2.0) / 2 * 10.0 ** rng.uniform(-4, 0)
+    tried = np.vstack([rng.uniform(-within, within, (3000, len(events))), within * rng.choice([-1.0, 1.0], (2000, len(events)))])
+    for motion in timing.motions(plant, 1.0):
+        found = worst(motion, events, times[-1], within)
+        seen = float(np.abs(timing.sampled(motion, events, times[-1], tried)).max())
+        assert seen <= found.bound * (1 + 1e-12)  # what is seen is computed in doubles
+        assert found.bound <= found.attained * (1 + 2 * TIGHT)

@@ -70,11 +70,18 @@ def test_a_decay_is_no_zero():
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [
-        ("si --mode 1Hz:0 --damping 0:0.1 --band 1:1", 0, "note: si keeps the tolerance over the band at each mode's own damping"),
+        ("si --mode 1Hz:0 --damping 0:0.1 --band 1:1", 0, "frequency × 1 to 1, damping 0 to 0.1: [0.04999999"),
         ("si --mode 1Hz:0.5 --damping 0:0.1", 2, "does not hold the damping of the mode itself (0.5)"),
         ("ei --mode 1Hz:0.1 --mode 2.7Hz:0.1 --tolerance 1e-6 --simultaneous", 1, "0.001 and more are possible"),
-        ("sums-zvd --mode 1Hz:0.99 --sums 0:1", 1, "have a closed form"),
-        ("sums-zvd --mode 1Hz:0.97 --sums 0:1", 1, "have a closed form"),
+        ("um-zv-d:21 --mode 1Hz:0.1", 2, "up to 20 are possible"),
+        ("um-zv-d:6 --mode 1Hz:0 --mode 2Hz:0 --simultaneous", 2, "28 equations at once; up to 24 are possible"),
+        ("um-zv --mode 1Hz:0.99 --mode 2Hz:0.1 --simultaneous", 1, "down to 2.06e-09 is possible"),
+        ("pulses-zv --mode 1Hz:0.99 --height 3", 1, "down to 1.13e-07 is possible"),
+        ("pulses-zv-d:20 --mode 1Hz:0.05 --height 3", 2, "up to 24 are possible"),
+        ("si --mode 1Hz:0.05 --band 0.1:10", 1, "by a factor of up to 12 are possible"),
+        ("dl-zv --mode 1Hz:0.05 --deflection 1e-6", 2, "limits from 0.00083 on are possible"),
+        ("um-zv --mode 1Hz:0.02 --sample-time 1", 1, "too coarse"),
+        ("um-zv --mode 1Hz:0.02 --sample-time 1e-5", 2, "samples into the shaper"),
         ("zv --mode 1Hz:0 --plot p.png", 2, "--plot p.png: the picture is SVG"),
     ],
 )

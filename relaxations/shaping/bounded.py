@@ -7,54 +7,143 @@ with any number of derivatives. Bounds 0 and 1 give the unity-magnitude shapers 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
+
+import numpy as np
+from scipy.optimize import linprog
 
 from relaxations.bounds import Bound
+from relaxations.commands import Command
 from relaxations.errors import ShaperError, SolverError
 from relaxations.maneuvers import Limits, Maneuver, problem
-from relaxations.plants import Exact, LinearPlant, exact
+from relaxations.plants import Exact, exact
 from relaxations.proofs import minimum_time
+from relaxations.shaping.commanded import plant_of, shaper_of
 from relaxations.shaping.modes import Mode
+from relaxations.shaping.sampled import require_fine
 from relaxations.shaping.shapers import Shaper
-from relaxations.shaping.vanishing import possible
+from relaxations.shaping.switched import MOST, PROGRAMMED, switched
+from relaxations.shaping.vanishing import left, possible, require_told
+
+MOST_EQUATIONS = 24  # real ones: with more programs take minutes
+MOST_DAMPED = 0.9  # beyond it they do not tell the equations apart
+MOST_SAMPLES = 1000
+MOST_FOLDS = 20.0  # of decay while the impulses last: programs in doubles tell that much
+NEARLY = 1e-9  # of levels: so close to a bound, or to each other, they are the same
+CLOSED = 1e-10  # of the largest term of what vanishes
 
 
 @dataclass(frozen=True, slots=True)
 class BoundedShaper:
-    """A shaper, and the proof of its duration: `bound.lower` [s] is the least of any such sequence."""
+    """A shaper, and the bracket of its duration."""
 
     shaper: Shaper
     bound: Bound
 
-
-def plant_of(modes: Sequence[Mode]) -> LinearPlant:
-    """`∏ ω²/(s² + 2ζωs + ω²)`, frequencies and dampings read as the decimals that they print as."""
-    denominator = [Fraction(1)]
-    for mode in modes:
-        frequency, damping = exact(repr(mode.frequency)), exact(repr(mode.damping))
-        longer = [*denominator, Fraction(0), Fraction(0)]
-        for i, c in enumerate(denominator):
-            longer[i + 1] += c * 2 * damping * frequency
-            longer[i + 2] += c * frequency**2
-        denominator = longer
-    return LinearPlant.from_transfer([denominator[-1]], denominator)
+    @property
+    def lower(self) -> float | None:
+        """The least duration [s] of any such sequence, *proven*; None if nothing was."""
+        certified = None if self.bound.certificate is None else json.loads(self.bound.certificate)["lower"]
+        return self.bound.lower if certified is not None and self.bound.lower > 0.0 else None
 
 
 def bounded(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int = 0) -> BoundedShaper:
     """The shortest shaper with partial sums in [lower, upper], with residual vibration and `derivatives` of it zero at every mode.
 
-    Raises `ShaperError` unless lower ≤ 0 and upper ≥ 1, `SolverError` if no such shaper was found.
+    Raises `ShaperError` unless lower ≤ 0 and upper ≥ 1 and for more than is searched, `SolverError` if no such shaper was found.
     """
+    _require(modes, lower, upper)
+    if len(modes) == 1:
+        try:
+            return BoundedShaper(*switched(modes[0], exact(lower), exact(upper), derivatives))
+        except SolverError:
+            if derivatives > PROGRAMMED or modes[0].damping > MOST_DAMPED:
+                raise
+    command, bound = _fastest(modes, lower, upper, derivatives, None)
+    return BoundedShaper(shaper_of(command), bound)
+
+
+def bounded_on_samples(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int, sample_time: float) -> tuple[Shaper, int]:
+    """The same with impulses at multiples of `sample_time` [s]: on as few samples as do, and how many are proven to be needed (or 0).
+
+    Of these the sequence of the least `Σ |A|`: a vertex, whose partial sums are within the bounds on few samples only. Raises as `bounded`,
+    and `ShaperError` for a sample time that is none or puts too many samples into half a period.
+    """
+    _require(modes, lower, upper)
+    require_fine(modes, sample_time)
+    longest = max(mode.half_period for mode in modes) * (derivatives + 1)
+    if longest > MOST_SAMPLES * sample_time:
+        raise ShaperError(
+            f"a sample time of {sample_time!r} s puts some {longest / sample_time:.4g} samples into the shaper; up to {MOST_SAMPLES} are "
+            f"searched, so from {longest / MOST_SAMPLES:.4g} s on; without a sample time the instants are free"
+        )
+    command, bound = _fastest(modes, lower, upper, derivatives, sample_time)
+    shaper, samples = shaper_of(command), round(command.maneuver_time / sample_time)
+    least = BoundedShaper(shaper, bound).lower
+    few = _fewest(modes, (float(lower), float(upper)), derivatives, sample_time, samples)
+    return few or shaper, 0 if least is None else round(least / sample_time)
+
+
+def _require(modes: Sequence[Mode], lower: Exact, upper: Exact) -> None:
     if not modes:
         raise ShaperError("a shaper needs at least one mode")
     if not (exact(lower) <= 0 and exact(upper) >= 1):
         raise ShaperError(f"partial sums go from 0 to 1, so their bounds are at most 0 and at least 1, not {lower} and {upper}")
-    found = minimum_time(problem([plant_of(modes)], Maneuver(exact(1), Limits.of(lower, upper), robustness=derivatives)))
+
+
+def _fastest(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int, sample_time: float | None) -> tuple[Command, Bound]:
+    if (equations := 2 * len(modes) * (derivatives + 1)) > MOST_EQUATIONS:
+        raise ShaperError(
+            f"{derivatives} derivatives of {len(modes)} mode(s) are {equations} equations at once; up to {MOST_EQUATIONS} are possible, "
+            f"and of one mode {MOST} derivatives with free instants; zv-d:N takes any number"
+        )
+    if len(modes) > 1 or sample_time is not None:
+        require_told(modes, derivatives, MOST_FOLDS)
+    grid = None if sample_time is None else exact(repr(sample_time))
+    found = minimum_time(problem([plant_of(modes)], Maneuver(exact(1), Limits.of(lower, upper), robustness=derivatives, sample_time=grid)))
     if found.command is None:
         raise SolverError(f"no sequence with partial sums in [{lower}, {upper}] was found: {possible(modes)}")
-    starts = [segment.start for segment in found.command.segments] + [found.command.maneuver_time]
-    levels = [0.0, *(segment.level for segment in found.command.segments), 1.0]
-    jumps = [(start, after - before) for start, before, after in zip(starts, levels[:-1], levels[1:], strict=True) if after != before]
-    return BoundedShaper(Shaper(tuple(start for start, _ in jumps), tuple(jump for _, jump in jumps)), found)
+    return found.command, found
+
+
+def _fewest(modes: Sequence[Mode], bounds: tuple[float, float], derivatives: int, step: float, samples: int) -> Shaper | None:
+    """Amplitudes at instants 0 to `samples` of the least `Σ |A|`; None if they are not within the bounds, or do not close to rounding."""
+    instants = step * np.arange(samples + 1.0)
+    rows = []
+    for mode in modes:
+        for power in range(derivatives + 1):
+            z = (instants / instants[-1]) ** power * np.exp(mode.frequency * mode.direction * (instants - instants[-1]))
+            rows += [z.real, z.imag]
+    table, sums = np.array(rows), np.tri(samples, samples + 1)
+    equal = np.vstack([np.ones(samples + 1), table])
+    within = np.vstack([sums, -sums])
+    found = linprog(
+        np.ones(2 * (samples + 1)),
+        A_ub=np.hstack([within, -within]),
+        b_ub=np.concatenate([np.full(samples, bounds[1]), np.full(samples, -bounds[0])]),
+        A_eq=np.hstack([equal, -equal]),
+        b_eq=np.eye(len(equal))[0],
+        bounds=(0.0, None),
+        method="highs",
+        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+    )
+    if found.status != 0:
+        return None
+    levels = np.cumsum(found.x[: samples + 1] - found.x[samples + 1 :])[:-1]
+    for bound in bounds:
+        levels[np.abs(levels - bound) <= NEARLY] = bound
+    begins = np.flatnonzero(np.abs(np.diff(levels, prepend=np.inf)) > NEARLY)
+    held = levels[begins]
+    # Once more, to rounding, with what is between the bounds: a level of so many samples that follow each other is one unknown.
+    moved = np.add.reduceat(table[:, :-1] - table[:, 1:], begins, axis=1)
+    free = ~np.isin(held, bounds)
+    if free.any():
+        held[free] -= np.linalg.lstsq(moved[:, free], moved @ held + table[:, -1], rcond=None)[0]
+    jumps = np.diff(held, prepend=0.0, append=1.0)
+    kept = np.flatnonzero(jumps)
+    places = np.append(begins, samples)[kept]
+    shaper = Shaper(tuple(float((place - places[0]) * step) for place in places), tuple(map(float, jumps[kept])))
+    proper = held.min() >= bounds[0] and held.max() <= bounds[1]
+    return shaper if proper and all(left(shaper, mode, derivatives) <= CLOSED for mode in modes) else None

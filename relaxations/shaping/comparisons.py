@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction
 
-from relaxations.bounds import Status
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.plants import exact
 from relaxations.shaping.bounded import bounded
@@ -84,10 +83,10 @@ def different(modes: Sequence[Mode]) -> tuple[Mode, ...]:
 def within_sums(zeros: Sequence[Mode], sums: tuple[float, float], derivatives: int, what: str) -> Least | None:
     """How short any sequence with partial sums in these bounds could be."""
     try:
-        bound = bounded(different(zeros), *bounds_of(sums), derivatives).bound
+        lower = bounded(different(zeros), *bounds_of(sums), derivatives).lower
     except (ShaperError, SolverError):
         return None
-    return least_of(bound.lower if bound.status is Status.PROVED else None, summed(sums, what), zeros)
+    return least_of(lower, summed(sums, what), zeros)
 
 
 def summed(sums: tuple[float, float], what: str) -> str:

@@ -80,6 +80,12 @@ def deflection_limited(
             f"samples of {step:.4g} s are {slowest / step:.4g} in half a period of the slowest mode; at most {MOST_SAMPLES} in all are "
             f"searched, so a sample time from {slowest / MOST_SAMPLES:.4g} s on"
         )
+    # An impulse deflects every mode by its own size: the limit holds before and after it, so none is larger than twice the limit.
+    if 1.0 / (2.0 * limit) > MOST_SAMPLES:
+        raise ShaperError(
+            f"a deflection of {limit!r} takes {1.0 / (2.0 * limit):.4g} impulses at least, for none may be larger than twice the limit; "
+            f"up to {MOST_SAMPLES} are searched, so limits from {1.0 / (2.0 * MOST_SAMPLES):.2g} on are possible"
+        )
     low, high, found = fewest, 2 * fewest, None
     while found is None:
         found = _amplitudes(modes, limit, sums, derivatives, step, high)

@@ -18,10 +18,10 @@ frequency, whose highest residual beyond its zero is at the mode.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
+from fractions import Fraction
 
 import numpy as np
 from flint import acb, arb
@@ -30,12 +30,12 @@ from numpy.typing import NDArray
 
 from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import precision
-from relaxations.shaping.bounded import bounded
 from relaxations.shaping.continuation import continued
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.paths import CLOSE, CLOSED, Point, Vector, followed, solved
-from relaxations.shaping.ripples import MultipleZero, Ripples
+from relaxations.shaping.ripples import Ripples
 from relaxations.shaping.shapers import Shaper
+from relaxations.shaping.switched import as_doubles, ordered, phases_of
 
 Reals = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def unity_magnitude(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
     aim = _require(tolerance, humps)
     zeros, given = humps + 1, tuple((-1) ** i for i in range(2 * humps + 3))
     with _digits(_first_ripple(mode, zeros, aim)):
-        phases = unity_phases(mode.damping, humps)
+        phases = list(phases_of(mode.damping, Fraction(0), Fraction(1), humps).phases)
         aim = min(aim, tolerance - ROUNDED * min(LONGER * float(phases[0]), MOST_ROUNDED * tolerance / ROUNDED))
         ripples = Ripples(arb(mode.damping), len(given), 2 * zeros - 1, zeros - 1, given)
         bend = abs(sum((a * (ripples.direction * p) ** zeros * (-ripples.direction * p).exp()
@@ -115,38 +115,6 @@ def unity_magnitude(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
                 raise SolverError(_lost(humps, tolerance, end))
             end = Point(exact[:-1], end.w, False)
         return _humped(mode, ripples, end)
-
-
-def unity_phases(damping: float, derivatives: int) -> Vector:
-    """Phases ψ before the last impulse of 1, -1, 1 … with zero vibration and so many derivatives: the undamped ones, followed in damping.
-
-    At the precision that is set. Raises `SolverError`.
-    """
-    still = _undamped_unity(derivatives)
-    system = MultipleZero(tuple((-1) ** i for i in range(len(still))))
-    start = solved(system, [*map(arb, still[:-1]), arb(0)], None, CLOSED)
-    end = None if start is None else Point(start[:-1], arb(0), True)
-    if damping and start is not None:
-        end = followed(system, start[:-1], arb(0), arb(damping), _ordered)
-    if end is None or not end.goal:
-        raise SolverError(f"impulses 1, -1, 1 … with {derivatives} derivative(s) were not found at damping {damping!r}; fewer are possible")
-    return [*end.x, arb(0)]
-
-
-def unity_derivatives(mode: Mode, derivatives: int) -> Shaper:
-    """Impulses 1, -1, 1 … with zero vibration and so many derivatives, at any damping. Raises `SolverError`."""
-    first = _first_ripple(mode, derivatives + 1, LEAST_TOLERANCE)
-    with _digits(first):
-        phases = unity_phases(mode.damping, derivatives)
-        return as_doubles(mode, phases, [(-1) ** i for i in range(len(phases))])
-
-
-@lru_cache(maxsize=32)
-def _undamped_unity(derivatives: int) -> tuple[float, ...]:
-    times = bounded([Mode(1.0)], 0, 1, derivatives).shaper.times
-    if len(times) != 2 * derivatives + 3:
-        raise SolverError(f"impulses 1, -1, 1 … with {derivatives} derivatives were not found")
-    return tuple(times[-1] - t for t in times)
 
 
 def _require(tolerance: float, humps: int) -> float:
@@ -207,12 +175,7 @@ def _proper(ripples: Ripples, x: Vector) -> bool:
     if ripples.merging and not x[ripples.impulses - 2] > 0:
         return False
     phases, amplitudes, places = ripples.parts(x)
-    return _ordered(phases[:-1]) and _ordered(places[::-1]) and (bool(ripples.given) or all(a > 0 for a in amplitudes))
-
-
-def _ordered(phases: Vector) -> bool:
-    """Strictly descending, and positive."""
-    return all(a > b for a, b in zip(phases, [*phases[1:], arb(0)], strict=True))
+    return ordered(phases[:-1]) and ordered(places[::-1]) and (bool(ripples.given) or all(a > 0 for a in amplitudes))
 
 
 def _merged(ripples: Ripples, near: Point) -> tuple[Ripples, Point]:
@@ -237,17 +200,6 @@ def _humped(mode: Mode, ripples: Ripples, end: Point) -> Humped:
     shaper = as_doubles(mode, phases, amplitudes)
     zeros = tuple(mode.scaled(float(place)) for place in places[::2])
     return Humped(shaper, zeros, float(end.w.exp()))
-
-
-def as_doubles(mode: Mode, phases: Sequence[arb], amplitudes: Sequence[arb | int]) -> Shaper:
-    """Impulses at phases ψ before the last one. Near critical damping some follow each other closer than doubles tell: they are one."""
-    pairs: dict[float, float] = {}
-    for phase, amplitude in zip(phases, amplitudes, strict=True):
-        time = float((phases[0] - phase) / mode.frequency)
-        pairs[time] = pairs.get(time, 0.0) + float(amplitude)
-    last = max(pairs)  # it stays, whatever is left of it: the residual is what is left then
-    kept = {time: amplitude for time, amplitude in pairs.items() if amplitude or time == last}
-    return Shaper(tuple(kept), tuple(kept.values()))
 
 
 def _plain(mode: Mode, tolerance: float, humps: int) -> Humped:

@@ -23,62 +23,28 @@ from numpy.typing import NDArray
 from relaxations import programs
 from relaxations.checking.durations import Condition, none_as_short
 from relaxations.errors import ShaperError, SolverError
+from relaxations.shaping.bands import Band, exceeded, peaks, sampled_demands, touched, vertex
 from relaxations.shaping.impulses import derivative_shaper
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.polishing import FAINT, Demand, Extremal, apart, polished, rows, vanishing
-from relaxations.shaping.sensitivity import residual
 from relaxations.shaping.shapers import Shaper
 
 Reals = NDArray[np.float64]
 
-CELLS = 160  # instants of the first grid
-BROADEST = 1000.0  # ends of a band: the shaper lasts half a period of the lower one
+CELLS, PER_PERIOD = 160, 14  # instants of the first grid, at least, and for each period of the fastest frequency
+MOST_BAND, WELL_DAMPED = 12.0, 0.3  # ends of a band: of wider ones with less damping programs take minutes
 MOST_PERIODS = 100.0  # of the fastest mode in the slowest one's half period: more than the grid can tell apart
-SAMPLES = 9  # frequencies of a band at first
 ROUNDS = 12  # of exchange
 PROGRAMS = 40  # cone programs for one duration, at most
 CLOSE = 1e-8  # excess at which a duration counts as found
-INSIDE = 1e-9  # of a tolerance: how far below it a shaper is designed, so that its claim can be proven
 MISSED = 1e-6  # relative excess between samples that calls for another one
 SHORTER = (1e-8, 1e-6, 1e-4, 1e-3, 1e-2)  # relative: how far below the shortest duration the proof that none is shorter is tried
-TOUCHING = 1e-6  # of the sum of the multipliers: a demand with less does not count
 NOTHING = 1e-10  # what is left of a vibration of size 1 where it is to vanish
 PLAIN = 20.0  # times the largest tolerance is what a program counts in, where that is less than 1
 LONGER = 1e-6  # relative: by how much a grid's shaper is longer at first, and then twice as much
 FEW = (1e-3, 1e-5, 0.0)  # weights on a grid that make an impulse, tried in turn
 NEARLY_NONE = 1e-12  # amplitude of an impulse that does not matter
 ROUGH = 1e-5  # relative accuracy of a duration from which Newton's method goes on
-
-
-@dataclass(frozen=True, slots=True)
-class Band:
-    """Natural frequencies from `low` to `high` times that of `mode`, at its damping, on which the residual is at most `tolerance`."""
-
-    mode: Mode
-    low: float
-    high: float
-    tolerance: float
-
-    def __post_init__(self) -> None:
-        wrong = []
-        if not 0.0 < self.low <= self.high < math.inf:
-            wrong.append(f"a band goes from a factor above 0 to one that is no smaller, not from {self.low!r} to {self.high!r}")
-        elif self.high > BROADEST * self.low:
-            wrong.append(f"a band's ends differ by a factor of at most {BROADEST:g}, not from {self.low!r} to {self.high!r}")
-        if not 0.0 < self.tolerance < 1.0:
-            wrong.append(f"a tolerance is a fraction of the unshaped vibration between 0 and 1, not {self.tolerance!r}")
-        if wrong:
-            raise ShaperError("; ".join(wrong))
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """The lowest and the highest frequency [rad/s], no farther out than the exact products."""
-        low, high = (Fraction(repr(factor)) * Fraction(repr(self.mode.frequency)) for factor in (self.low, self.high))
-        first, last = float(low), float(high)
-        return (
-            first if Fraction(first) >= low else math.nextafter(first, math.inf),
-            last if Fraction(last) <= high else math.nextafter(last, 0.0),
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,20 +64,22 @@ def specified(bands: Sequence[Band], zeros: Sequence[tuple[Mode, int]] = ()) -> 
         raise ShaperError("nothing is asked of the shaper: name at least one band or mode")
     if len(zeros) > 1 and not bands and (serving := _serves_all(zeros)):
         return specified([], [serving])
-    slowest = max([band.mode.half_period / band.low for band in bands] + [mode.half_period * (count + 1) for mode, count in zeros])
+    slowest = max([band.half_period for band in bands] + [mode.half_period * (count + 1) for mode, count in zeros])
     fastest = max([band.mode.frequency * band.high for band in bands] + [mode.frequency for mode, _ in zeros])
     if slowest * fastest > 2.0 * math.pi * MOST_PERIODS:
         raise SolverError(
             f"the shaper would last {slowest * fastest / (2.0 * math.pi):.4g} periods of {fastest:.6g} rad/s, the fastest mode or band; "
             f"one solution is searched up to {MOST_PERIODS:g}; slow and fast modes apart are convolved"
         )
+    if wide := [band for band in bands if band.high > MOST_BAND * band.low and band.damped[0] < WELL_DAMPED]:
+        raise SolverError(
+            f"a band from {wide[0].low:g} to {wide[0].high:g} is wider than is searched at dampings below {WELL_DAMPED:g}: ends that "
+            f"differ by a factor of up to {MOST_BAND:g} are possible"
+        )
+    cells = max(CELLS, math.ceil(PER_PERIOD * slowest * fastest / (2.0 * math.pi)))
     demands = _vanishing(zeros, slowest)
-    for number, band in enumerate(bands):
-        low, high = band.ends
-        at = np.cos(np.linspace(np.pi, 0.0, SAMPLES)) * (high - low) / 2 + (high + low) / 2
-        inside = band.tolerance * (1.0 - INSIDE)
-        demands += [Demand(min(max(float(f), low), high), band.mode.damping, inside, band=number) for f in np.unique(at)]
-    search, exact = _Search(demands, tuple(bands), slowest), None
+    demands += sampled_demands(bands)
+    search, exact = _Search(demands, tuple(bands), slowest, cells), None
     for _ in range(ROUNDS):
         search.find()
         exact = search.exact()
@@ -146,11 +114,12 @@ class _Search:
     demands: list[Demand]
     bands: tuple[Band, ...]
     duration: float
+    cells: int = CELLS
     extra: list[float] = field(default_factory=list)
     solution: programs.ConeSolution | None = None
 
     def instants(self, duration: float) -> Reals:
-        return duration * np.union1d(np.linspace(0.0, 1.0, CELLS + 1), self.extra)
+        return duration * np.union1d(np.linspace(0.0, 1.0, self.cells + 1), self.extra)
 
     def solve(self, duration: float) -> programs.ConeSolution:
         return self.solve_on(self.instants(duration), duration)
@@ -191,9 +160,9 @@ class _Search:
         assert self.solution is not None
         instants = self.instants(self.duration)
         over = exceeded(instants, self.solution.weights, self.bands, 1.0 + MISSED)
-        fine = np.linspace(0.0, self.duration, 16 * CELLS + 1)
+        fine = np.linspace(0.0, self.duration, 16 * self.cells + 1)
         course = (self.solution.multipliers.conj() @ rows(self.demands, fine, self.duration)).real
-        dips = _peaks(-course)
+        dips = peaks(-course)
         low = [float(fine[i]) for i in dips if course[i] < self.solution.sum - MISSED]
         known = [t for t in low if np.abs(instants - t).min() > 1e-9 * self.duration]
         self.demands += over
@@ -219,11 +188,9 @@ class _Search:
 
     def _impulses(self, solution: programs.ConeSolution) -> tuple[Reals, Reals]:
         """The weights of the grid belong to the minima of the multipliers' function; there are the impulses."""
-        fine = np.linspace(0.0, self.duration, 16 * CELLS + 1)
+        fine = np.linspace(0.0, self.duration, 16 * self.cells + 1)
         course = (solution.multipliers.conj() @ rows(self.demands, fine, self.duration)).real
-        places = np.array(
-            [0.0, *(t for i in _peaks(-course) if 0.0 < (t := _vertex(fine, -course, int(i))) < self.duration), self.duration]
-        )
+        places = np.array([0.0, *(t for i in peaks(-course) if 0.0 < (t := vertex(fine, -course, int(i))) < self.duration), self.duration])
         nearest = np.abs(np.subtract.outer(self.instants(self.duration), places)).argmin(axis=1)
         sums = np.bincount(nearest, weights=solution.weights[: len(nearest)], minlength=len(places))
         kept = (sums > FAINT) | (np.arange(len(sums)) % (len(sums) - 1) == 0)
@@ -233,17 +200,7 @@ class _Search:
         """The demands with multipliers; those of a band belong to the maxima of the residual there, which move unless they are its ends."""
         chosen = [(d, y) for d, y in zip(self.demands, solution.multipliers, strict=True) if not d.tolerance]
         instants = self.instants(self.duration)
-        for number, band in enumerate(self.bands):
-            low, high = band.ends
-            mine = [(d, y) for d, y in zip(self.demands, solution.multipliers, strict=True) if d.band == number]
-            omega = np.linspace(low, high, 2001) if high > low else np.array([low])
-            course = residual(instants, solution.weights, omega, band.mode.damping)
-            tops = np.array([min(max(_vertex(omega, course, int(i)), low), high) for i in _peaks(course)])
-            nearest = [int(np.abs(tops - d.frequency).argmin()) for d, _ in mine]
-            for place, top in enumerate(tops):
-                weight = sum((y for (_, y), near in zip(mine, nearest, strict=True) if near == place), 0j)
-                if abs(weight) > TOUCHING:
-                    chosen.append((replace(mine[0][0], frequency=float(top), inner=low < top < high), weight))
+        chosen += touched(instants, solution.weights, self.bands, self.demands, solution.multipliers)
         multipliers = np.array([y for _, y in chosen], dtype=np.complex128)
         return [d for d, _ in chosen], (multipliers / max(float(np.abs(multipliers).sum()), 1e-300)).astype(np.complex128)
 
@@ -302,44 +259,16 @@ class _Search:
             else:
                 solution = self.solve(duration)
                 demands, multipliers = tuple(self.demands), solution.multipliers
-            conditions = [self._condition(d, complex(y)) for d, y in zip(demands, multipliers, strict=True)]
+            pairs = [(d, complex(y)) for d, y in zip(demands, multipliers, strict=True)]
+            conditions = [implied(self.bands, d, y) if d.tolerance else vanishing(d, y) for d, y in pairs]
             if none_as_short(Fraction(duration), conditions):
                 return duration
         return None
 
-    def _condition(self, demand: Demand, weight: complex) -> Condition:
-        """The demand as the request implies it: a frequency within the band, and the whole tolerance."""
-        if not demand.tolerance:
-            return vanishing(demand, weight)
-        band = self.bands[demand.band]
-        where, tolerance = min(max(demand.frequency, band.ends[0]), band.ends[1]), Fraction(repr(band.tolerance))
-        return Condition(Fraction(where), Fraction(demand.damping), tolerance, 0, (Fraction(weight.real), Fraction(weight.imag)))
 
-
-def exceeded(times: Reals, amplitudes: Reals, bands: Sequence[Band], factor: float) -> list[Demand]:
-    """Where in the bands the residual has a local maximum above `factor` times the tolerance."""
-    found = []
-    for number, band in enumerate(bands):
-        low, high = band.ends
-        periods = float(np.ptp(times)) * (high - low) / (2 * np.pi)
-        omega = np.linspace(low, high, 200 + int(100 * periods))
-        course = residual(times, amplitudes, omega, band.mode.damping)
-        for i in _peaks(course):
-            if course[i] > factor * band.tolerance:
-                place = min(max(_vertex(omega, course, int(i)), low), high)
-                found.append(Demand(place, band.mode.damping, band.tolerance * (1.0 - INSIDE), band=number))
-    return found
-
-
-def _peaks(course: Reals) -> NDArray[np.intp]:
-    """Local maxima, the ends included."""
-    padded = np.concatenate([[-np.inf], course, [-np.inf]])
-    return np.flatnonzero((padded[1:-1] >= padded[:-2]) & (padded[1:-1] > padded[2:]))
-
-
-def _vertex(x: Reals, y: Reals, i: int) -> float:
-    """The top of the parabola through a sample and its neighbours (an end is its own)."""
-    if i in (0, len(x) - 1):
-        return float(x[i])
-    rise, fall = y[i] - y[i - 1], y[i] - y[i + 1]
-    return float(x[i] + (x[i + 1] - x[i]) * (rise - fall) / (2.0 * (rise + fall))) if rise + fall > 0.0 else float(x[i])
+def implied(bands: Sequence[Band], demand: Demand, weight: complex) -> Condition:
+    """The demand as the bands imply it: a frequency and a damping within its own, and the whole tolerance."""
+    band = bands[demand.band]
+    where, damping = (min(max(at, low), high) for at, (low, high) in ((demand.frequency, band.ends), (demand.damping, band.damped)))
+    tolerance = Fraction(repr(band.tolerance))
+    return Condition(Fraction(where), Fraction(damping), tolerance, 0, (Fraction(weight.real), Fraction(weight.imag)))

@@ -16,7 +16,8 @@ from relaxations.bounds import Status
 from relaxations.checking.worst import worst_residual
 from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import exact
-from relaxations.shaping.bounded import bounded
+from relaxations.shaping.bands import Band
+from relaxations.shaping.bounded import bounded, bounded_on_samples
 from relaxations.shaping.comparisons import (
     ONE_MODE,
     UNPROVEN,
@@ -32,20 +33,24 @@ from relaxations.shaping.comparisons import (
     within_sums,
 )
 from relaxations.shaping.deflection import deflection_limited
-from relaxations.shaping.humps import Humped, extra_insensitive, unity_derivatives, unity_magnitude
+from relaxations.shaping.humps import Humped, extra_insensitive, unity_magnitude
 from relaxations.shaping.impulses import derivative_shaper, mzv, negative_zv
 from relaxations.shaping.insensitive import specified
+from relaxations.shaping.insensitive_samples import within_on_samples
 from relaxations.shaping.least_durations import Remnant, least_with_derivatives
 from relaxations.shaping.modes import Mode
+from relaxations.shaping.negative_amplitudes import negative_at_once
 from relaxations.shaping.pulses import at_intervals, pulsed
 from relaxations.shaping.ranges import humped_ranges
 from relaxations.shaping.requests import Least, Made, Request
 from relaxations.shaping.sampled import Sampled, sampled
 from relaxations.shaping.shapers import Shaper, as_pulses, convolve
 from relaxations.shaping.small_tolerances import SMALLEST, within
+from relaxations.shaping.sums_within import within_sums_and_bands
 from relaxations.shaping.vanishing import require
 
 LARGER_TOLERANCE = "a tolerance so small is kept by a humped shaper, near the shortest; the least duration is that of a larger tolerance"
+NO_FEWER = "no least duration: that fewer samples do not do is so close that it was not proven"
 SAME = 1.0 - 1e-5  # of a tolerance: humps are designed a hair below it
 CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 
@@ -156,6 +161,10 @@ def _on_samples(found: Sampled, sample_time: float, zeros: Sequence[tuple[Mode, 
 
 
 def _humps(request: Request, number: int) -> Made:
+    if request.sample_time is not None:
+        bands = humped_ranges(different(request.modes), request.tolerance, number)
+        what = f"positive shapers within {request.tolerance:g} over the range of each mode's own {_humps_of(number)}"
+        return replace(_keeping_on_samples(bands, request.sample_time, what), ranges=tuple(enumerate(bands)))
     if request.simultaneous and len(different(request.modes)) > 1:
         return _humps_at_once(request, number)
     humped = [extra_insensitive(mode, request.tolerance, number) for mode in request.modes]
@@ -191,6 +200,12 @@ def _humps_of(number: int) -> str:
 
 
 def _unity_humps(request: Request, number: int) -> Made:
+    if request.simultaneous and len(different(request.modes)) > 1:
+        bands = humped_ranges(different(request.modes), request.tolerance, number, unity_magnitude)
+        found = within_sums_and_bands(bands, 0.0, 1.0)
+        what = f"partial sums in [0, 1] within {request.tolerance:g} over the range of each mode's own um-{_humps_of(number)}"
+        least = least_of(found.lower, f"sequences of {what}")
+        return Made(found.shaper, least, tuple(enumerate(bands)), () if least else (UNPROVEN,))
     humped = [unity_magnitude(mode, request.tolerance, number) for mode in request.modes]
     shaper = reduce(convolve, (one.shaper for one in humped))
     zeros = [zero for one in humped for zero in one.zeros]
@@ -213,6 +228,12 @@ def _modified(request: Request, number: int) -> Made:
 
 def _negative(request: Request, number: int) -> Made:
     negative = request.negative if request.negative is not None else math.nan
+    if request.simultaneous and len(modes := different(request.modes)) > 1:
+        for mode in modes:
+            negative_zv(mode, negative)  # refuses what is no size of an amplitude
+        shaper = negative_at_once(modes, negative)
+        least = with_negative(shaper, [Remnant(mode) for mode in modes], "zero vibration")
+        return Made(shaper, least, notes=() if least else (UNPROVEN,))
     shaper = _in_turn(request.modes, lambda mode: negative_zv(mode, negative))
     return Made(shaper, with_negative(shaper, [Remnant(mode) for mode in request.modes], "zero vibration"))
 
@@ -221,6 +242,8 @@ def _insensitive(request: Request, number: int) -> Made:
     reaches = request.reaches()
     bands = [band for _, band in reaches]
     among, small = "positive shapers within the tolerance over every band", min(band.tolerance for band in bands) < SMALLEST
+    if request.sample_time is not None:
+        return _keeping_on_samples(tuple(dict.fromkeys(bands)), request.sample_time, among)
     if request.simultaneous or len(request.modes) == 1:
         shortest = within(bands)
         return Made(shortest.shaper, least_of(shortest.lower, among), notes=(LARGER_TOLERANCE,) if small else ())
@@ -234,38 +257,37 @@ def _insensitive(request: Request, number: int) -> Made:
     return Made(reduce(convolve, (one.shaper for one in each)), least_of(lower, among), notes=tuple(notes))
 
 
+def _keeping_on_samples(bands: Sequence[Band], sample_time: float, among: str) -> Made:
+    found = within_on_samples(bands, sample_time)
+    taken = rounded_down(found.needed * exact(repr(sample_time))) if found.needed else None
+    least = least_of(taken, f"{among} at multiples of {sample_time!r} s, which need {found.needed}")
+    return Made(found.shaper, least, notes=() if least else (NO_FEWER,))
+
+
 def _unity(request: Request, number: int) -> Made:
-    modes = different(request.modes) if request.simultaneous else request.modes
-    if len(modes) > 1 and request.simultaneous:
-        return _between(modes, (0.0, 1.0), number)
-    if len(modes) == 1:
-        with suppress(ShaperError, SolverError):
-            made = _between(modes, (0.0, 1.0), number)
-            if made.least:
-                return made
-    shaper = _in_turn(modes, lambda mode: _unity_of(mode, number))
+    modes = different(request.modes) if request.simultaneous or request.sample_time is not None else request.modes
+    if len(modes) == 1 or request.simultaneous or request.sample_time is not None:
+        return _between(modes, (0.0, 1.0), number, request.sample_time)
+    shaper = _in_turn(modes, lambda mode: bounded([mode], 0, 1, number).shaper)
     least = within_sums(modes, sums_of(shaper), number, "these zeros")
     return Made(shaper, least, notes=() if least else (UNPROVEN,))
 
 
-def _unity_of(mode: Mode, number: int) -> Shaper:
-    """The shortest one where that is proven, else the same sequence from the undamped one."""
-    with suppress(ShaperError, SolverError):
-        found = bounded([mode], 0, 1, number)
-        if found.bound.status is Status.PROVED:
-            return found.shaper
-    return unity_derivatives(mode, number)
-
-
 def _sums(request: Request, number: int) -> Made:
-    return _between(request.modes, request.sums or (0.0, 1.0), number)
+    return _between(request.modes, request.sums or (0.0, 1.0), number, request.sample_time)
 
 
-def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int) -> Made:
+def _between(modes: Sequence[Mode], sums: tuple[float, float], number: int, sample_time: float | None = None) -> Made:
     low, high = bounds_of(sums)
-    found = bounded(different(modes), low, high, number)
-    proven = found.bound.lower if found.bound.status is Status.PROVED else None
-    return Made(found.shaper, least_of(proven, summed(sums, "these zeros"), modes))
+    modes = different(modes)
+    if sample_time is None:
+        found = bounded(modes, low, high, number)
+        least = least_of(found.lower, summed(sums, "these zeros"), modes)
+        return Made(found.shaper, least, notes=() if least else (UNPROVEN,))
+    shaper, needed = bounded_on_samples(modes, low, high, number, sample_time)
+    what = f"these zeros at multiples of {sample_time!r} s, which need {needed}"
+    least = least_of(rounded_down(needed * exact(repr(sample_time))) if needed else None, summed(sums, what), modes)
+    return Made(shaper, least, notes=() if least else (UNPROVEN,))
 
 
 def _on_off(request: Request, number: int) -> Made:
@@ -334,14 +356,6 @@ _PERIOD = (
     "asks for what mzv is not: it is told by 3/4 of one mode's period, and several modes have several; without it one for each mode is "
     "convolved, and zv with it is the shortest positive shaper of the same zeros"
 )
-_SHAPE = (
-    "asks for what sna-zv is not: it is three impulses A, -b, 1 + b - A, which have no numbers left for a second mode; without it one for "
-    "each mode is convolved, and sums-zv with --sums -b:1+b is one solution for all modes, with partial sums within these bounds"
-)
-_UNITY = (
-    "asks for what is not made: impulses 1, -1, 1 … amplify where another mode has its humps, and no solution with all humps at the "
-    "tolerance is known here; without it one for each mode is convolved, um-zv-d:N and ei with it are one solution for all modes"
-)
 _EITHER = frozenset({"simultaneous", "pulse"})
 _PULSE = frozenset({"pulse"})
 KINDS = (
@@ -349,17 +363,19 @@ KINDS = (
     Kind("none", "none", "unshaped: one impulse at once", _unshaped, frozenset(OPTIONS)),
     Kind("zv, zvd, zvdd, zv-d:N", r"zv(?:(?P<d>d*)|-d:(\d+))", "zero vibration, and N derivatives of it", _derivatives,
          _EITHER | {"sample_time"}, zeros=_all),
-    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps, _EITHER,
-         zeros=_between_humps),
+    Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps,
+         _EITHER | {"sample_time"}, zeros=_between_humps),
     Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE, zeros=_once, apart=_PERIOD),
-    Kind("si", "si", "the shortest within the tolerance over the band", _insensitive, _EITHER),
-    Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity, _EITHER, zeros=_all),
-    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _PULSE,
-         zeros=_between_unity_humps, apart=_UNITY),
-    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _PULSE | {"negative"}, frozenset({"negative"}),
-         _once, _SHAPE),
+    Kind("si", "si", "the shortest within the tolerance over the band", _insensitive,
+         _EITHER | {"sample_time"}),
+    Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity,
+         _EITHER | {"sample_time"}, zeros=_all),
+    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _EITHER,
+         zeros=_between_unity_humps),
+    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _EITHER | {"negative"}, frozenset({"negative"}),
+         _once),
     Kind("sums-zv, sums-zvd, sums-zv-d:N", r"sums-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest with partial sums within bounds", _sums,
-         _EITHER | {"sums"}, frozenset({"sums"}), _all),
+         _EITHER | {"sums", "sample_time"}, frozenset({"sums"}), _all),
     Kind("pulses-zv, pulses-zvd, pulses-zv-d:N", r"pulses-zv(?:(?P<d>d*)|-d:(\d+))", "pulses of one height and variable duration", _on_off,
          frozenset({"height", "sample_time", "simultaneous"}), frozenset({"height"}), _all),
     Kind("dl-zv, dl-zvd, dl-zv-d:N", r"dl-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest that deflects no mode beyond a limit", _deflected,

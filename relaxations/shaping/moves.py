@@ -22,8 +22,8 @@ from relaxations.plants import LinearPlant, exact, fraction
 from relaxations.proofs import minimum_time
 from relaxations.response import jumps
 from relaxations.robust.boxes import Axis, Box, Family, Polynomial
-from relaxations.shaping.bounded import plant_of
-from relaxations.shaping.insensitive import Band
+from relaxations.shaping.bands import Band
+from relaxations.shaping.commanded import plant_of
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.shapers import Shaper, shape
 

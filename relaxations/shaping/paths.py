@@ -22,6 +22,7 @@ FARTHEST = 0.2  # by which a step may miss where it pointed to, relative
 MOST = 500  # points
 BELOW = 3.0  # w below a fold's at which the curve is followed no farther
 HALVINGS = 60
+LEVEL = 1e-12  # slope of w along the curve at which w is at its largest: w itself is then exact to the square of it
 STRAIGHT = 0.8  # cosine of the turn in one step: more could be a turn back
 
 
@@ -110,15 +111,20 @@ def solved(system: System, start: Vector, across: Vector | None, close: float) -
 
 def _fold(system: System, at: Vector, ahead: Vector, step: float) -> Vector | None:
     """Where w is largest, at most `step` ahead: the tangent's last member changes its sign."""
-    low, high, best = 0.0, step, at
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2.0
+    low, high, best, rise, fall = 0.0, step, at, float(ahead[-1]), None
+    for number in range(HALVINGS):
+        # The Illinois method once both signs are known, else and now and then halving.
+        middle = (low + high) / 2.0 if fall is None or number % 4 == 3 else low + (high - low) * rise / (rise - fall)
         found = solved(system, _ahead(at, ahead, middle, None), ahead, CLOSED)
         turned = None if found is None else _tangent(system, found, ahead)
         if found is None or turned is None:
             return None
-        low, high, best = (middle, high, found) if float(turned[-1]) > 0.0 else (low, middle, best)
-        if high - low <= 1e-13 * step:
+        slope = float(turned[-1])
+        if slope > 0.0:
+            low, best, rise, fall = middle, found, slope, None if fall is None else fall / 2.0
+        else:
+            high, rise, fall = middle, rise / 2.0 if fall is not None else rise, slope
+        if high - low <= 1e-13 * step or abs(slope) <= LEVEL:
             break
     return best
 

@@ -23,11 +23,13 @@ from relaxations.checking.durations import Condition
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
+FREQUENCY, DAMPING = "frequency", "damping"  # along which a maximum moves
 FAINT = 1e-6  # an amplitude that is none: the optimum is degenerate
 STEPS = 40
 CLOSED = 1e-12  # of equations of order one
 DIFFERENCE = 1e-7  # of unknowns of order one: the Jacobian is then as exact as Newton's method needs
 ALIKE, DEPENDENT = 1e3, 1e13  # condition of demands from which they are told apart, and to which doubles can
+SMALLEST_ROOT = 1e-30  # of 1 - ζ²: a step of Newton's method may go too far
 FINE = 401  # instants at which they are compared
 LONGEST = 0.3  # a step that is longer leaves what the grid has found
 
@@ -37,7 +39,7 @@ class Demand:
     """One condition: at natural `frequency` [rad/s] and `damping` derivative number `power` is at most `tolerance` (0: vanishes).
 
     Derivatives are measured in `unit` [s], of the order of the duration, so that all are of order one. `band` is the number of the one that
-    it belongs to; `inner`: the frequency is a maximum inside it, and may move.
+    it belongs to; `inner`: the residual has a maximum there along FREQUENCY or DAMPING, which may move ("": it stays).
     """
 
     frequency: float
@@ -46,7 +48,7 @@ class Demand:
     power: int = 0
     unit: float = 1.0
     band: int = -1
-    inner: bool = False
+    inner: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +96,13 @@ def vanishing(demand: Demand, weight: complex) -> Condition:
 
 def _columns(demands: Sequence[Demand]) -> tuple[Reals, Complexes, NDArray[np.int64], Reals]:
     omega, units = (np.array([[x] for x in numbers]) for numbers in ([d.frequency for d in demands], [d.unit for d in demands]))
-    kappa = np.array([[complex(d.damping, math.sqrt(1.0 - d.damping**2))] for d in demands])
+    kappa = np.array([[complex(d.damping, math.sqrt(max(1.0 - d.damping**2, SMALLEST_ROOT)))] for d in demands])
     return omega, kappa, np.array([[d.power] for d in demands]), units
+
+
+def _turning(kappa: Complexes) -> Complexes:
+    """dκ/dζ."""
+    return (1.0 - 1j * kappa.real / kappa.imag).astype(np.complex128)
 
 
 def polished(start: Extremal, duration: float | None = None) -> Extremal | None:
@@ -114,7 +121,7 @@ def polished(start: Extremal, duration: float | None = None) -> Extremal | None:
         y = rest[:m] + 1j * rest[m : 2 * m]
         moved = list(scaled)
         for place, i in enumerate(inner):
-            moved[i] = replace(scaled[i], frequency=float(rest[2 * m + 1 + place]))
+            moved[i] = replace(scaled[i], **{scaled[i].inner: float(rest[2 * m + 1 + place])})
         return times, excess, amplitudes, y, float(rest[2 * m]), moved
 
     def system(x: Reals) -> Reals:
@@ -128,7 +135,9 @@ def polished(start: Extremal, duration: float | None = None) -> Extremal | None:
         limits = np.array([d.tolerance for d in demands]) + excess
         missed = turned @ left - limits * y / np.maximum(sizes, 1e-300)
         course, rise = (y.conj() @ turned @ z).real, (y.conj() @ turned @ slope).real
-        tops = [(left[i].conjugate() * (kappa[i] * motion[i] * since) @ amplitudes).real / max(limits[i], 1e-9) for i in inner]
+        turned_by = [kappa[i] if demands[i].inner == FREQUENCY else omega[i] * _turning(kappa[i]) for i in inner]
+        tops = [(left[i].conjugate() * (by * motion[i] * since) @ amplitudes).real / max(limits[i], 1e-9)
+                for i, by in zip(inner, turned_by, strict=True)]  # fmt: skip
         return np.concatenate(
             [[amplitudes.sum() - 1.0, sizes.sum() - 1.0], missed.real, missed.imag, course - level, rise[1:-1], tops]
         )  # fmt: skip
@@ -138,13 +147,13 @@ def polished(start: Extremal, duration: float | None = None) -> Extremal | None:
     weights = np.linalg.solve(turned.conj().T, start.multipliers)
     weights /= max(float(np.abs(weights).sum()), 1e-300)
     guess = np.concatenate([times[1:-1], [own], start.amplitudes, weights.real, weights.imag, [level]])
-    found = _newton(system, np.concatenate([guess, [scaled[i].frequency for i in inner]]))
+    found = _newton(system, np.concatenate([guess, [getattr(scaled[i], scaled[i].inner) for i in inner]]))
     if found is None:
         return None
     times, excess, amplitudes, y, _, demands = parts(found)
     if amplitudes.min() <= -FAINT or np.diff(times).min() <= 0.0:
         return None
-    freed = tuple(replace(d, frequency=moved.frequency / unit if d.inner else d.frequency)
+    freed = tuple(replace(d, frequency=moved.frequency / unit, damping=moved.damping) if d.inner else d
                   for d, moved in zip(start.demands, demands, strict=True))  # fmt: skip
     return Extremal(times * unit, amplitudes, freed, turned.conj().T @ y, excess)
 

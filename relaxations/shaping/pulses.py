@@ -21,12 +21,15 @@ from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant, exact, fraction
 from relaxations.proofs import minimum_time
-from relaxations.shaping.bounded import plant_of
+from relaxations.shaping.bounded import MOST_EQUATIONS
+from relaxations.shaping.commanded import plant_of
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.pulse_intervals import SHORTEST, Pulses, search
 from relaxations.shaping.shapers import Pulse, Shaper
+from relaxations.shaping.vanishing import require_told
 
 HIGHEST = 1e8  # of a height, in pulses of the fastest mode's half period: instants are rounded to 1e-16 of it
+MOST_FOLDS = 16.0  # of decay while the pulses last: programs in doubles tell that much
 MORE, MOST = 12, 400  # intervals beyond the fewest that are tried, and intervals at all
 
 
@@ -53,6 +56,12 @@ def pulsed(modes: Sequence[Mode], height: float, derivatives: int = 0) -> PulseS
             f"pulses of {height!r} 1/s last less than {1.0 / HIGHEST:g} of half a period, which instants in doubles do not hold; up to "
             f"{HIGHEST / min(mode.half_period for mode in modes):.4g} 1/s do, and impulses (zv) beyond"
         )
+    if (equations := 2 * len(modes) * (derivatives + 1)) > MOST_EQUATIONS:
+        raise ShaperError(
+            f"{derivatives} derivatives of {len(modes)} mode(s) are {equations} equations at once; up to {MOST_EQUATIONS} are possible, "
+            "and zv-d:N with --pulse, pulses of one width, takes any number"
+        )
+    require_told(modes, derivatives, MOST_FOLDS)
     flexible = plant_of(modes)
     low = flexible.numerators[flexible.output].coeffs()[0]
     denominator = [fraction(c) for c in reversed((flexible.denominator * fmpq_poly([0, 1])).coeffs())]

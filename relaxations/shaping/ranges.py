@@ -9,28 +9,33 @@ specified insensitivity. For one mode without damping it is the humped shaper it
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from relaxations.errors import SolverError
-from relaxations.shaping.humps import extra_insensitive
-from relaxations.shaping.insensitive import Band
+from relaxations.shaping.bands import Band
+from relaxations.shaping.humps import Humped, extra_insensitive
 from relaxations.shaping.modes import Mode
-from relaxations.shaping.sensitivity import FARTHEST, insensitive_range
+from relaxations.shaping.sensitivity import insensitive_range
 
 TOUCHED = 1e-9  # relative: humps reach the tolerance exactly, but for rounding
+ENDLESS = 4.0  # times the frequency: as far as a range goes that has no end
 GRAIN = 1e6  # ends are whole numbers of this part of the frequency, towards the inside: they are printed as they are meant
 
 
-def humped_ranges(modes: Sequence[Mode], tolerance: float, humps: int) -> tuple[Band, ...]:
-    """Of each mode the range over which its own shaper with so many humps keeps `tolerance`.
+def humped_ranges(
+    modes: Sequence[Mode], tolerance: float, humps: int, made: Callable[[Mode, float, int], Humped] = extra_insensitive
+) -> tuple[Band, ...]:
+    """Of each mode the range over which its own shaper with so many humps keeps `tolerance`; `made` makes it.
 
-    Raises `SolverError` where there is no such shaper, or its range has no end.
+    With much damping a range has no end: it then goes to `ENDLESS` times the frequency. Raises `SolverError` where
+    there is no such shaper.
     """
     bands = []
     for mode in modes:
-        own = extra_insensitive(mode, tolerance, humps).shaper
+        own = made(mode, tolerance, humps).shaper
         low, high = insensitive_range(own.times, own.amplitudes, mode.frequency, mode.damping, tolerance * (1.0 + TOUCHED))
-        if not 0.0 < low < high < FARTHEST:
+        high = min(high, ENDLESS)
+        if not 0.0 < low < high:
             raise SolverError(
                 f"{humps} hump(s) of {tolerance!r} keep it from {low:.4g} to {high:.4g} of the frequency at a damping of {mode.damping!r}, "
                 "which is no range that one solution for all modes could be made for; si takes any --band"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from relaxations.errors import ShaperError
-from relaxations.shaping.insensitive import Band
+from relaxations.shaping.bands import Band
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.shapers import Shaper
 
@@ -20,7 +20,8 @@ class Request:
     impulse, `sums` bounds of the partial sums, `sample_time` [s] the grid of the instants; `simultaneous`: one solution for all modes
     instead of a convolution of one for each. `bands` (low, high, tolerance) take the place of band and tolerance: one for each mode, or
     several for one mode. `pulse` [s] draws impulses out to pulses of this width, `height` [1/s] is that of all pulses; `impulses` are a
-    shaper that is given. `deflection` limits how far the shaped step takes a mode from it, as a fraction of what an unshaped one does.
+    shaper that is given. `dampings` is the range over which `si` keeps its tolerance, and every worst case is told (None: the modes' own).
+    `deflection` limits how far the shaped step takes a mode from it, as a fraction of what an unshaped one does.
     """
 
     modes: tuple[Mode, ...]
@@ -35,6 +36,7 @@ class Request:
     height: float | None = None
     impulses: Shaper | None = None
     deflection: float | None = None
+    dampings: tuple[float, float] | None = None
 
     def contradictions(self) -> tuple[str, ...]:
         """Bands of one mode of which one says nothing beside another, each told in words."""
@@ -54,11 +56,11 @@ class Request:
         """Every band with the number of its mode, from 0; raises `ShaperError` if bands and modes do not go together."""
         modes, bands = self.modes, self.bands or ((*self.band, self.tolerance),)
         if len(bands) == 1:
-            return tuple((i, Band(mode, *bands[0])) for i, mode in enumerate(modes))
+            return tuple((i, Band(mode, *bands[0], self.dampings)) for i, mode in enumerate(modes))
         if len(modes) == 1:
-            return tuple((0, Band(modes[0], *band)) for band in bands)
+            return tuple((0, Band(modes[0], *band, self.dampings)) for band in bands)
         if len(modes) == len(bands):
-            return tuple((i, Band(mode, *band)) for i, (mode, band) in enumerate(zip(modes, bands, strict=True)))
+            return tuple((i, Band(mode, *band, self.dampings)) for i, (mode, band) in enumerate(zip(modes, bands, strict=True)))
         raise ShaperError(
             f"bands are one for all modes, one for each, or several for one mode; there are {len(bands)} for {len(modes)} modes"
         )

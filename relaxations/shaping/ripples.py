@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flint import acb, arb
+from flint import acb, arb, fmpq
 
 from relaxations.shaping.paths import Vector
 
@@ -132,7 +132,7 @@ class MultipleZero:
     vanish towards critical damping.
     """
 
-    given: tuple[int, ...]
+    given: tuple[int | fmpq, ...]
 
     def __call__(self, x: Vector, w: arb) -> tuple[Vector, list[Vector]]:
         """Values and Jacobian (relaxations.shaping.paths), the last column by w."""

@@ -47,14 +47,7 @@ def sampled(zeros: Sequence[tuple[Mode, int]], sample_time: float) -> Sampled:
     """
     if not zeros:
         raise ShaperError("a shaper needs at least one mode")
-    if not 0.0 < sample_time < math.inf:
-        raise ShaperError(f"a sample time is positive and finite, not {sample_time!r} s")
-    if coarse := [mode for mode, _ in zeros if sample_time > mode.half_period]:
-        least = min(mode.half_period for mode in coarse)
-        raise ImpossibleShaperError(
-            f"a sample time of {sample_time!r} s is too coarse for {', '.join(f'{mode.frequency:.6g} rad/s' for mode in coarse)}: "
-            f"the samples tell a mode from slower ones up to half its damped period, {least:.6g} s"
-        )
+    require_fine([mode for mode, _ in zeros], sample_time)
     slowest = max(mode.half_period * (count + 1) for mode, count in zeros)
     high = math.ceil(slowest / sample_time)
     if high > MOST_SAMPLES:
@@ -81,6 +74,18 @@ def sampled(zeros: Sequence[tuple[Mode, int]], sample_time: float) -> Sampled:
     kept = kept - kept[0]
     shaper = Shaper(tuple(float(k * sample_time) for k in kept), tuple(float(a) for a in found[found > 0.0]))
     return Sampled(shaper, high if _refuted(zeros, sample_time, low) else 0)
+
+
+def require_fine(modes: Sequence[Mode], sample_time: float) -> None:
+    """Raises `ShaperError` for no time, `ImpossibleShaperError` for one above half a damped period of a mode."""
+    if not 0.0 < sample_time < math.inf:
+        raise ShaperError(f"a sample time is positive and finite, not {sample_time!r} s")
+    if coarse := [mode for mode in modes if sample_time > mode.half_period]:
+        least = min(mode.half_period for mode in coarse)
+        raise ImpossibleShaperError(
+            f"a sample time of {sample_time!r} s is too coarse for {', '.join(f'{mode.frequency:.6g} rad/s' for mode in coarse)}: "
+            f"the samples tell a mode from slower ones up to half its damped period, {least:.6g} s"
+        )
 
 
 def _refuted(zeros: Sequence[tuple[Mode, int]], sample_time: float, samples: int) -> bool:

@@ -10,6 +10,7 @@ which does not depend on when one looks.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -54,6 +55,19 @@ def require(name: str, shaper: Shaper, zeros: Sequence[Mode], derivatives: int =
                 f"{name} promises zero vibration{order} at {mode.frequency:.6g} rad/s, damping {mode.damping!r}, but what was solved "
                 f"leaves {min(found, 1.0):.3g} of its largest term instead of at most {most:g}: {possible(zeros)}"
             )
+
+
+def require_told(modes: Sequence[Mode], derivatives: int, most: float) -> None:
+    """Raises `SolverError` at once where programs in doubles would not tell the equations apart: (n + 1)πζ/√(1 - ζ²) above `most`.
+
+    By as many e-folds a mode decays in the n + 1 half periods that a positive shaper takes.
+    """
+    folds = max((derivatives + 1) * mode.damping * math.pi / math.sqrt(1.0 - mode.damping**2) for mode in modes)
+    if folds > most:
+        raise SolverError(
+            f"in the {derivatives + 1} half period(s) that {derivatives} derivative(s) take a mode decays to {math.exp(-folds):.3g} of "
+            f"itself, which programs do not tell from nothing; down to {math.exp(-most):.3g} is possible: {possible(modes)}"
+        )
 
 
 def possible(modes: Sequence[Mode]) -> str:

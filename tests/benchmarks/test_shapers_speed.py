@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from relaxations.checking.worst import worst_residual
+from relaxations.shaping.bands import Band
 from relaxations.shaping.impulses import derivative_shaper
-from relaxations.shaping.insensitive import Band, specified
+from relaxations.shaping.insensitive import specified
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.streams import Stream
 

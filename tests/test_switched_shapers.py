@@ -1,0 +1,112 @@
+"""Shapers whose partial sums switch between two bounds: at any damping, of many derivatives, on samples; the shortest, proven."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from relaxations.bounds import Status
+from relaxations.errors import ShaperError, SolverError
+from relaxations.shaping.bounded import bounded, bounded_on_samples
+from relaxations.shaping.kinds import make
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.requests import Request
+from relaxations.shaping.vanishing import left
+
+
+@pytest.mark.parametrize(("damping", "derivatives"), [(0.97, 0), (0.97, 1), (0.99, 1), (0.3, 9), (0.0, 16)])
+@pytest.mark.parametrize("bounds", [(0, 1), (Fraction(-1, 2), Fraction(3, 2))])
+def test_both_sides_are_proven_at_any_damping(damping: float, derivatives: int, bounds: tuple[Fraction, Fraction]):
+    mode = Mode(3.7, damping)
+    found = bounded([mode], *bounds, derivatives)
+    assert found.bound.status is Status.PROVED
+    assert found.lower is not None
+    assert found.lower == pytest.approx(found.shaper.duration, rel=1e-14)
+    assert left(found.shaper, mode, derivatives) <= 1e-8
+    sums = list(itertools.accumulate(found.shaper.amplitudes))
+    assert min(sums) >= float(bounds[0]) - 1e-12
+    assert max(sums) <= float(bounds[1]) + 1e-12
+
+
+def test_a_lower_side_is_proven_where_doubles_do_not_tell_the_impulses_apart():
+    found = bounded([Mode(6.3, 0.999)], 0, 1)
+    assert found.bound.status is Status.BRACKETED  # two impulses 1e-15 s apart: no command of doubles
+    assert found.lower == pytest.approx(10.994505153812714, rel=1e-12)
+
+
+def test_it_is_scaled_by_frequency_and_told_by_damping_continuously():
+    lasts = [bounded([Mode(1.0, damping)], 0, 1, 1).shaper.duration for damping in (0.9799, 0.98, 0.9801)]
+    assert lasts[0] < lasts[1] < lasts[2]
+    assert lasts[2] - 2 * lasts[1] + lasts[0] == pytest.approx(0.0, abs=1e-2 * (lasts[2] - lasts[0]))
+    assert bounded([Mode(40.0, 0.98)], 0, 1, 1).shaper.duration == pytest.approx(lasts[1] / 40.0, rel=1e-12)
+
+
+def test_sums_within_0_and_1_are_unity_magnitude_where_programs_in_doubles_fail():
+    request = Request((Mode(6.3, 0.99),), sums=(0.0, 1.0))
+    sums, unity = make("sums-zvd", request), make("um-zvd", Request((Mode(6.3, 0.99),)))
+    assert sums.shaper == unity.shaper
+    assert sums.least is not None
+    assert sums.least.duration == pytest.approx(6.90349176304735, rel=1e-13)
+
+
+def test_too_many_derivatives_are_refused_at_once():
+    with pytest.raises(ShaperError, match="up to 20 are possible"):
+        bounded([Mode(1.0)], 0, 1, 60)
+    with pytest.raises(SolverError, match="fewer are possible"):
+        bounded([Mode(1.0, 0.99)], 0, 1, 4)
+
+
+def on_samples(modes: list[Mode], bounds: tuple[float, float], derivatives: int, step: float, samples: int) -> bool:
+    """A program of its own for partial sums, time measured from the end: whether there are any."""
+    instants = step * (np.arange(samples + 1) - samples)
+    rows = []
+    for mode in modes:
+        for power in range(derivatives + 1):
+            z = (instants / instants[0]) ** power * np.exp(
+                complex(mode.damping, math.sqrt(1 - mode.damping**2)) * mode.frequency * instants
+            )
+            rows += [z.real, z.imag]
+    table = np.array(rows)
+    found = linprog(np.zeros(samples), A_eq=table[:, :-1] - table[:, 1:], b_eq=-table[:, -1], bounds=[bounds] * samples, method="highs")
+    return found.status == 0
+
+
+@pytest.mark.parametrize(
+    ("modes", "bounds", "derivatives", "step"),
+    [
+        ([Mode(2 * math.pi, 0.02)], (0.0, 1.0), 0, 0.01),
+        ([Mode(2 * math.pi, 0.02)], (0.0, 1.0), 1, 0.05),
+        ([Mode(2 * math.pi, 0.5)], (-0.5, 1.5), 1, 0.02),
+        ([Mode(2 * math.pi, 0.02), Mode(17.0, 0.1)], (0.0, 1.0), 0, 0.02),
+    ],
+)
+def test_on_samples_nothing_is_left_and_fewer_do_not_do(modes: list[Mode], bounds: tuple[float, float], derivatives: int, step: float):
+    shaper, needed = bounded_on_samples(modes, Fraction(bounds[0]), Fraction(bounds[1]), derivatives, step)
+    places = np.array(shaper.times) / step
+    assert np.abs(places - np.round(places)).max() < 1e-9
+    assert round(places[-1]) == needed
+    sums = list(itertools.accumulate(shaper.amplitudes))
+    assert min(sums) >= bounds[0] - 1e-15
+    assert max(sums[:-1]) <= bounds[1] + 1e-15
+    assert all(left(shaper, mode, derivatives) <= 1e-12 for mode in modes)
+    assert on_samples(modes, bounds, derivatives, step, needed)
+    assert not on_samples(modes, bounds, derivatives, step, needed - 1)
+    # A vertex: what is neither on a bound nor held from the sample before it is no more than the equations ask for.
+    between = [s for s in sums[:-1] if min(abs(s - b) for b in bounds) > 1e-9]
+    assert len(between) <= 2 * len(modes) * (derivatives + 1) + 1
+
+
+def test_a_hair_above_the_instants_of_unity_magnitude_it_is_nearly_the_same():
+    """Undamped 1, -1, 1 at sixths of the period; samples a little longer than that hold it with amplitudes a little below 1."""
+    made = make("um-zv", Request((Mode(2 * math.pi),), sample_time=0.16667))
+    assert made.shaper.times == pytest.approx((0.0, 0.16667, 0.33334))
+    assert made.shaper.amplitudes == pytest.approx((1.0, -1.0, 1.0), abs=1e-4)
+    assert max(made.shaper.amplitudes) < 1.0
+    assert made.least is not None
+    assert made.least.duration == pytest.approx(0.33334, rel=1e-15)
+    assert "which need 2" in made.least.among
