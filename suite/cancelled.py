@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
+
+from relaxations.cancelling.answers import zero_sensitivities
 from relaxations.cancelling.prefilters import Prefilter
 from relaxations.cancelling.requests import Request, cancelling
 from relaxations.cancelling.structures import Bounds
@@ -13,10 +16,12 @@ from relaxations.commands import Command
 from relaxations.errors import ImpossibleShaperError, ManeuverError, PlantError, RelaxationsError
 from relaxations.maneuvers import Problem
 from relaxations.plants import LinearPlant
+from relaxations.response import response
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.study import CancellingRequest, Study
 
-ROUNDING = 1e-9  # of the distance between the limits, of a budget, of a cap
+ROUNDING = 1e-9  # of a limit
+LASTING, LOOKS = 20.0, 4001  # time constants after the move that outputs are looked at for, and instants, during it and in all
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,26 +100,30 @@ def cancelled(study: Study, asked: CancellingRequest, plant: LinearPlant, posed:
     except RelaxationsError:
         why = "poles before the last delay let the input decay while it goes on stepping, which a command file cannot hold"
         raise _refused(study, "form", f'{why}; the filter itself can: slewcert prefilter STUDY. Valid here is "last"', asked.form) from None
-    _within(study, plant, posed, command)
+    _within(study, plant, posed, prefilter, command)
     size = sum(map(abs, prefilter.gains)) + sum(abs(term.gain) for term in prefilter.terms)
     at_poles = [abs(complex(prefilter(pole.value))) for pole in request.structure(plant).conditions.poles]
     return Cancelled(prefilter, asked.form, command, max(at_poles, default=0.0) / size)
 
 
-def _within(study: Study, plant: LinearPlant, posed: Problem, command: Command) -> None:
-    """The limits that the filter's equations do not know: fuel, and what a tail does if a zero is elsewhere."""
+def _within(study: Study, plant: LinearPlant, posed: Problem, prefilter: Prefilter, command: Command) -> None:
+    """The limits that the filter's equations do not know: fuel, outputs, and what a tail does if a zero is elsewhere."""
     budget, rest = study.limits.fuel, float(study.plant.initial_input)
     if budget is not None and (fuel := command.fuel(rest)) > float(budget) * (1.0 + ROUNDING):
         raise _refused(study, "delays", f"the filtered command uses {fuel:.10g} of fuel, more than limits.fuel, {budget}")
-    for cap in posed.tail.caps:
-        zero = posed.tail.zeros[cap.zero]
-        found = max(
-            (abs(term.coefficient) for term in command.tail.terms if abs(term.rate - zero.value) < ROUNDING * abs(zero.value)), default=0.0
-        )
-        if found > cap.bound * (1.0 + ROUNDING):
-            place = next(name for name, value in ((f"zero[{i}]", one.value) for i, one in enumerate(plant.zeros, 1)) if value == zero.value)
-            why = f"the filtered command's tail has {found:.6g} at {place}, and limits.zero_sensitivity allows {cap.bound:.6g}"
-            raise _refused(study, "delays", f"{why}; more delays leave room for less of it")
+    left = zero_sensitivities(plant, prefilter)
+    for name, (shift, residual) in study.limits.zero_sensitivity.items():
+        if (found := float(shift) * left.get(name, 0.0)) > float(residual) * (1.0 + ROUNDING):
+            why = f"{name} elsewhere by {shift} of its magnitude moves the output by {found:.6g} of the displacement, more than {residual}"
+            raise _refused(study, "delays", f"{why} (limits.zero_sensitivity); more delays leave room for a smaller tail")
+    if posed.courses:
+        slowest = max((1.0 / abs(root.value) for root in (*plant.poles, *plant.zeros) if root.value), default=1.0)
+        times = np.union1d(np.linspace(0.0, command.end + LASTING * slowest, LOOKS), np.linspace(0.0, command.end, LOOKS))
+        for course in posed.courses:
+            largest = float(np.abs(response(plant, command, times, course.name, rest)).max())
+            if largest > course.limit * (1.0 + ROUNDING):
+                why = f"under the filtered command {course.name} strays by {largest:.6g}, more than limits.deflection, {course.limit:.6g}"
+                raise _refused(study, "delays", f"{why}; more delays, or narrower limits.input, make it gentler")
 
 
 def _refused(study: Study, key: str, why: str, value: object = ABSENT) -> StudyError:

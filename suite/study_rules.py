@@ -155,7 +155,10 @@ def _varying(study: schema.Written) -> Iterator[Mistake]:
         hint = "; command.follow, without a schedule, is what shapers have for plants that vary" if command.kind == "shaper" else ""
         yield Mistake("command.kind", command.kind, f'{why}: "time-optimal" and "file" are supported{hint}')
     if command.robustness:
-        yield Mistake("command.robustness", command.robustness, f"{why}: further zeros and boxes are about plants that do not vary")
+        reason = "it has no frequency in which a residual could be flat, and a box would need a schedule for each of its plants"
+        yield Mistake(
+            "command.robustness", command.robustness, f"{why}: further zeros and boxes are about plants that do not vary; {reason}"
+        )
     if command.tail:
         yield Mistake("command.tail", True, f"{why}: a tail hides in the zeros of a plant that does not vary")
     if command.start:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -10,6 +11,8 @@ import numpy as np
 import proving
 import pytest
 from box_tasks import MASS, SPRING, TWIN, axis, forged, robust
+from corruption import at, leaves, nudge
+from forgery import forged as certificate_of
 from forgery import number, opened, written
 from independent_boxes import Boxed
 
@@ -219,3 +222,45 @@ def test_the_truth_is_believed() -> None:
 @pytest.mark.parametrize("lie", LIES)
 def test_lies_are_not_believed(lie: str) -> None:
     assert outcome(LIES[lie]) is not Outcome.PROVED
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(40))
+def test_what_a_tampered_certificate_proves_is_true(seed: int) -> None:
+    """Any number of it changed a little, task, claim and witnesses alike: what is proven then, another program finds true."""
+    rng, data = random.Random(f"outputs of a box, {seed}"), opened(slow().certificate or b"")
+    paths = [path for path in leaves(data) if path[0] != "digest" and is_number(at(data, path))]
+    kinds = sorted({path[:2] for path in paths})
+    kind = rng.choice(kinds)
+    node: Any = data
+    *steps, last = rng.choice([path for path in paths if path[:2] == kind])
+    for step in steps:
+        node = node[step]
+    node[last] = nudge(node[last], rng)
+    found = check(certificate_of(data))
+    if found.outcome is not Outcome.PROVED:
+        return
+    task, claimed = data["task"], data["claim"]
+    ((limited, limit),) = task["limits"]["deflection"].items()
+    (parameter,) = task["box"]["parameters"]
+    low, high = (number(parameter[end]) for end in ("low", "high"))
+    plants = [SPRING.member([k]) for k in (number(parameter["nominal"]), low, (low + high) / 2, high)]
+    displacement, (least, most) = float(number(task["displacement"])), (float(number(side)) for side in task["limits"]["input"])
+    allowed = float(number(task["box"]["tolerance"])) * abs(displacement)
+    other = Boxed(plants, displacement, least, most, allowed, deflections={limited: float(number(limit))}, window=7.0, looks=60)
+    assert float(number(claimed["lower"])) <= other_time(other, 1.0 + COARSE)
+    assert float(number(claimed["upper"])) >= other_time(other, 1.0 - COARSE)
+
+
+def is_number(value: Any) -> bool:
+    """A number as certificates write it."""
+    try:
+        number(value)
+    except (TypeError, ValueError, AttributeError):
+        return False
+    return True
+
+
+def other_time(other: Boxed, factor: float) -> float:
+    """The least time of the other program's grid, times a factor."""
+    return other.time(1.0, 12.0, 120, 1e-3) * factor

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 from small_studies import small_study
 
@@ -36,6 +37,7 @@ def test_both_charts_and_what_they_say():
     assert not {"10", "20", "40"} & words[whole]  # three times the longest move, not the whole run
 
 
+@pytest.mark.slow
 def test_reports_and_comparisons_show_campaigns_of_which_every_log_was_kept(tmp_path: Path):
     for name, logs in (("one", "all"), ("other", "worst")):
         small_study(tmp_path, "[keep]", f'logs = "{logs}"', limit=0.2, name=f"{name}.toml")

@@ -24,6 +24,7 @@ PLANTS = {
     "one zero": "numerator = [1, 1]\ndenominator = [1, 0, 2]",
     "backward": "numerator = [-1, 1]\ndenominator = [1, 0.2, 2]",
     "cart": "numerator = [1, 1]\ndenominator = [1, 0, 0]",
+    "hidden": "numerator = [1, 4, 3]\ndenominator = [1, 3, 2, 6]",
     "unstable": "numerator = [1, 1]\ndenominator = [1, 0, -2]",
 }
 
@@ -85,6 +86,24 @@ def test_delays_on_samples(tmp_path: Path) -> None:
     assert given.command.tail.terms[0].coefficient == pytest.approx(done.command.tail.terms[0].coefficient, abs=1e-12)
 
 
+def test_without_a_tail_hidden_modes_come_to_rest_too(tmp_path: Path) -> None:
+    """(s + 1)(s + 3)/((s² + 2)(s + 3)): the bracket of state rest is about the mode at -3 as well, and so is the filter."""
+    file = study(tmp_path, "hidden", "delays = 2", "tail = false", "gains = [-2.0, 3.0]")
+    done = design(load_study(file))
+    assert done.command is not None
+    assert done.cancelled is not None
+    assert abs(done.cancelled.prefilter(-3.0)) < 1e-11  # e^{3T} times rounding
+    assert done.bound.lower <= done.command.maneuver_time
+
+
+def test_samples_of_the_controller_hold_the_delays(tmp_path: Path) -> None:
+    done = made(tmp_path, "one zero", "delays = 2", "tail = false", limits="input = [-5.0, 5.0]\nsample_time = 0.25")
+    assert done.command is not None
+    assert all(at / 0.25 == pytest.approx(round(at / 0.25), abs=1e-9) for at in done.command.breakpoints)
+    assert done.bound.lower <= done.command.maneuver_time * (1 + 1e-12)
+
+
+@pytest.mark.slow
 def test_a_short_tail_is_asked_for(tmp_path: Path) -> None:
     keys = ("delays = 2", 'form = "last+step"')
     short = made(tmp_path, "pitch", *keys, limits="input = [-0.5, 0.5]\ntail_length = { time = 1.0, within = 0.05 }", displacement=0.2)
@@ -109,6 +128,11 @@ def test_a_short_tail_is_asked_for(tmp_path: Path) -> None:
         ("one zero", ("delays = 1",), "input = [-5, 5]\nrate = [-1, 1]", "limits.rate", "slopes"),
         ("one zero", ("delays = 1",), "input = [-5, 5]\npulses = 3", "limits.pulses", "any height"),
         ("pitch", ("delays = 1",), "input = [-5, 5]\ndeflection = { output = 2 }", "command.delays", "it takes 2 delays"),
+        (
+            *("pitch", ("delays = 1", 'form = "last+step"'), "input = [-5, 5]\ndeflection = { output_rate = 0.6 }"),
+            *("command.delays", "strays by"),
+        ),
+        ("pitch", ("delays = 11", 'form = "last+step"'), "input = [-5, 5]", "command.delays", "more than 10 free delays"),
         ("backward", ("delays = 1", 'zeros = ["zero[1]"]'), "input = [-5, 5]", "command.zeros", "right of the imaginary axis"),
         ("unstable", ("delays = 2", "tail = false"), "input = [-5, 5]", "command.kind", "unstable poles"),
         ("cart", ("delays = 2", 'form = "last+step"'), "input = [-1, 1]\nfuel = 0.3", "command.delays", "fuel"),

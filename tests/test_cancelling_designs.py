@@ -111,6 +111,7 @@ def test_a_monotone_reference_never_turns_back() -> None:
     assert (np.diff(done.reference(np.linspace(0.0, 12.0, 2000))) >= -1e-12).all()
 
 
+@pytest.mark.slow
 def test_delays_on_samples_cancel_exactly() -> None:
     done = cancelling(PITCH, Request(2, "last+step", bounds=Bounds(levels=(-2.0, 2.0)), sample_time=0.25))
     assert np.array(done.delays) / 0.25 == pytest.approx(np.round(np.array(done.delays) / 0.25), abs=1e-12)
@@ -126,6 +127,24 @@ def test_given_delays_are_taken() -> None:
     several = cancelling(ONE_ZERO, Request(3, "last+step", instants=(0.5, 1.0, 1.6), bounds=Bounds(gains=(0.0, 1.0))))
     assert settled(ONE_ZERO, several)[0] < 1e-10
     assert 0.0 <= min(several.gains) <= max(several.gains) <= 1.0 + 1e-9
+
+
+def test_a_heavy_body_takes_its_time() -> None:
+    """1/s² pushed by 0.001 takes 2 √1000 s."""
+    done = cancelling(LinearPlant.from_transfer([1], [1, 0, 0]), Request(2, bounds=Bounds(levels=(-1e-3, 1e-3))))
+    assert done.duration == pytest.approx(2.0 * 1000.0**0.5, rel=1e-7)
+
+
+@pytest.mark.parametrize("speed", [1e-6, 1e6])
+def test_slow_and_fast_plants_have_the_same_filters(speed: float) -> None:
+    """Time is measured in the plant's own: (s + 1)(s + 2)/(s² + 2) and the pitch loop with s divided by the speed."""
+    one = LinearPlant.from_zeros_poles([-speed, -2 * speed], [[0, repr(2**0.5 * speed)], [0, repr(-(2**0.5) * speed)]], 1)
+    done = cancelling(one, Request(1, "last+step", bounds=Bounds(monotone=True)))
+    assert done.duration * speed == pytest.approx(1.1107207345, abs=DIGITS)
+    zeros, poles = ([[repr(r.value.real * speed), repr(i * speed)] for r in roots for i in {r.value.imag, -r.value.imag}]
+                    for roots in (PITCH.zeros, PITCH.poles))  # fmt: skip
+    done = cancelling(LinearPlant.from_zeros_poles(zeros, poles, "1e-3"), Request(2, "last+step", robustness=1))
+    assert np.array(done.delays[1:]) * speed == pytest.approx((2.2520627528, 4.8107659262), abs=DIGITS)
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,7 @@ FILTERS = {  # (15), (40), (47) of Singh 2012 and the one for samples; the terms
     "on samples": step_and_pole_last(MODE, [-1.0], 1.25),
     "a product": cascade(pole_last(MODE, [-1.0]), pole_last(Mode(2.0, 0.1), [-0.5])),
 }
+SLOW = {"real zeros", "two zeros", "on samples"}  # each is a compilation
 ROUNDING = 1e-12  # of values up to 3: a few hundred sums and exponentials
 
 
@@ -42,7 +43,7 @@ def written(folder: Path, content: Prefilter, version: FmiVersion) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", FILTERS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in FILTERS])
 def test_filters_any_reference_at_any_steps(name: str, tmp_path: Path) -> None:
     version = VERSIONS[len(name) % 2]
     rng = np.random.default_rng(len(name))

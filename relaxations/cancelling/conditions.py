@@ -49,12 +49,14 @@ class Conditions:
 
     @staticmethod
     def of(plant: LinearPlant, robustness: int | Mapping[str, int] = 0, zeros: Sequence[complex] | None = None) -> Conditions:
-        """Of a stable or marginally stable plant with its output in view; `zeros` [1/s] (None: all that can be) are those cancelled.
+        """Of a stable or marginally stable plant; `zeros` [1/s] (None: all that can be) are those cancelled, as the output sees it.
+
+        With none the whole state comes to rest, modes that the output cannot see as well.
 
         Raises `PlantError` for an unstable plant, a zero at the origin or one that a filter cannot cancel, `ManeuverError` for hidden modes
         that do not decay and for modes that robustness names and the plant lacks.
         """
-        seen = visible(plant)
+        seen = plant if zeros is not None and not len(zeros) else visible(plant)
         if seen.is_unstable:
             growing = ", ".join(f"{pole.value:.6g}" for pole in seen.poles if pole.value.real >= 0 and not pole.is_rigid)
             raise PlantError(f"a filter in front of a plant does not stabilise it: unstable poles {growing}; close a loop around it first")

@@ -29,6 +29,7 @@ GRID = {1: 2000, 2: 140}  # delays on a side
 DRAWS = 1 << 13  # of more delays
 STARTS, TRIES = 400, 24  # of Newton's method, and of the minimisation
 APART = 1e-6  # of the duration: delays closer than this are one
+MOST = 10  # delays that are free: half a minute of minimisation
 SLACK = 1e-9  # of the gains' size: closer to 0 is 0
 MARGIN = 1e-9  # of the bounds' size: what is minimised stays so far inside, and is then moved onto the bounds it has reached
 ROUNDED = 1e-13  # of the size of what is summed: how far beyond a bound rounding may take it
@@ -67,6 +68,9 @@ def design(structure: Structure) -> Prefilter:
         raise ShaperError(f"{structure.counted} and {_delays(structure.form.delays)}; {UNBOUNDED}")
     if structure.contradiction is not None:
         raise ImpossibleShaperError(structure.contradiction)
+    if structure.form.delays > MOST:
+        asked = f"filters of more than {MOST} free delays are not looked for, and {structure.form.delays} were asked for"
+        raise ShaperError(f"{asked}: give their instants or a sample time, or ask for the fastest command of all, a time-optimal one")
     horizon, fine = 0.0, structure.fine
     for window in WINDOWS:
         horizon = window * natural_time(structure)
@@ -79,8 +83,8 @@ def design(structure: Structure) -> Prefilter:
                 return structure.filter(again[0].delays, again[0].unknowns)
     within = " within the bounds" if structure.bounds else ""
     raise ImpossibleShaperError(
-        f"no filter of this form with {_delays(structure.form.delays)} was found up to {horizon:.6g} s{within}; one delay more, wider "
-        "bounds or another form may do"
+        f"no filter of this form with {_delays(structure.form.delays)} was found up to {horizon * structure.unit:.6g} s{within}; one delay "
+        "more, wider bounds or another form may do"
     )
 
 
@@ -91,7 +95,7 @@ def at_delays(structure: Structure, delays: Reals) -> Prefilter:
     """
     found = solved_at(structure.fine, delays)
     if found is None:
-        given, within = ", ".join(f"{delay:.6g}" for delay in delays[1:]), " within the bounds" if structure.bounds else ""
+        given, within = ", ".join(f"{delay * structure.unit:.6g}" for delay in delays[1:]), " within the bounds" if structure.bounds else ""
         raise ImpossibleShaperError(f"no filter of this form has its delays at {given} s{within}: {structure.counted}")
     return structure.filter(found.delays, found.unknowns)
 
@@ -130,13 +134,19 @@ def solved_at(structure: Structure, delays: Reals) -> Found | None:
 
 
 def natural_time(structure: Structure) -> float:
-    """About how long it takes to cancel the poles one after the other [s]: half a period each, or the time constant of a real one."""
-    conditions = structure.conditions
+    """About how long it takes to cancel the poles one after the other [s]: half a period each, or the time constant of a real one.
+
+    A rigid body takes as long as the levels, or the gains, push it there.
+    """
+    conditions, bounds = structure.conditions, structure.bounds
     total = sum(
         pole.multiplicity * (math.pi / abs(pole.value.imag) if pole.is_flexible else 1.0 / abs(pole.value)) for pole in conditions.poles
     )
+    if conditions.rigid:
+        pushed = min((abs(end) for pair in (bounds.levels, bounds.gains) if pair for end in pair if end), default=abs(conditions.target))
+        total += 2.0 * conditions.rigid * (abs(conditions.target) / pushed) ** (1.0 / conditions.rigid)
     slowest = max((1.0 / abs(root.value) for root in (*conditions.poles, *conditions.zeros)), default=1.0)
-    return total + conditions.rigid * slowest if conditions.poles else max(conditions.rigid, 1) * slowest * 4.0
+    return total + conditions.rigid * slowest if conditions.poles else total + max(conditions.rigid, 1) * slowest * 4.0
 
 
 def _delays(count: int) -> str:

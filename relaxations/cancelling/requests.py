@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 
 import numpy as np
+from flint import fmpq, fmpq_poly
 
 from relaxations.cancelling.conditions import Conditions
 from relaxations.cancelling.designs import at_delays, design
@@ -13,8 +16,9 @@ from relaxations.cancelling.forms import DEFAULT, Form
 from relaxations.cancelling.prefilters import Prefilter, cascade
 from relaxations.cancelling.sampled import on_samples
 from relaxations.cancelling.structures import Bounds, Structure
-from relaxations.errors import ShaperError
+from relaxations.errors import ImpossibleShaperError, ShaperError
 from relaxations.plants import LinearPlant, Pole
+from relaxations.shaping.shapers import ShaperTerm
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +38,65 @@ class Request:
     instants: tuple[float, ...] | None = None
     sample_time: float | None = None
 
-    def structure(self, plant: LinearPlant) -> Structure:
-        """The unknowns and equations; raises `ShaperError`, `PlantError`, `ManeuverError`."""
+    def structure(self, plant: LinearPlant, unit: float = 1.0) -> Structure:
+        """The unknowns and equations, of a plant whose time is in units of `unit` [s].
+
+        Raises `ShaperError`, `PlantError`, `ManeuverError`.
+        """
         conditions = Conditions.of(plant, self.robustness, self.zeros)
-        return Structure(conditions, Form.named(self.form, self.delays), self.bounds)
+        return Structure(conditions, Form.named(self.form, self.delays), self.bounds, unit=unit)
+
+
+@dataclass(frozen=True, slots=True)
+class Units:
+    """Powers of two in which a plant's roots and static gain are of order one: everything scales exactly. Seconds, and input per output."""
+
+    time: float
+    gain: float
+
+    @staticmethod
+    def of(conditions: Conditions) -> Units:
+        """Those of the geometric mean of its roots, and of what its gain asks of a filter."""
+        logarithms = [math.log2(abs(root.value)) for root in (*conditions.poles, *conditions.zeros)]
+        mean = sum(logarithms) / len(logarithms) if logarithms else 0.0
+        time = 2.0 ** -round(mean)
+        return Units(time, 2.0 ** round(math.log2(abs(conditions.target)) - conditions.rigid * math.log2(time)))
+
+    def plant(self, plant: LinearPlant) -> LinearPlant:
+        """The plant's output in them: `gain G(s/time)`."""
+        time, gain = Fraction(self.time), Fraction(self.gain)
+        order = plant.order
+
+        def scaled(polynomial: fmpq_poly, factor: Fraction) -> fmpq_poly:
+            powers = [factor * time ** (order - k) for k in range(order + 1)]  # times time^order: the denominator stays monic
+            return fmpq_poly([c * fmpq(x.numerator, x.denominator) for c, x in zip(polynomial.coeffs(), powers, strict=False)])
+
+        numerators = {plant.output: scaled(plant.numerators[plant.output], gain)}
+        return LinearPlant(scaled(plant.denominator, Fraction(1)), numerators, plant.output)
+
+    def request(self, request: Request) -> Request:
+        """What is asked, in them."""
+        given, per = request.bounds, 1.0 / self.gain
+
+        def sized(pair: tuple[float, float] | None) -> tuple[float, float] | None:
+            return None if pair is None else (pair[0] * per, pair[1] * per)
+
+        length = None if given.length is None else (given.length[0] / self.time, given.length[1] * per)
+        return replace(
+            request,
+            zeros=None if request.zeros is None else tuple(zero * self.time for zero in request.zeros),
+            bounds=Bounds(sized(given.gains), sized(given.levels), given.monotone, length),
+            instants=None if request.instants is None else tuple(instant / self.time for instant in request.instants),
+            sample_time=None if request.sample_time is None else request.sample_time / self.time,
+        )
+
+    def back(self, made: Prefilter) -> Prefilter:
+        """The filter in seconds and the plant's own units."""
+        terms = tuple(
+            ShaperTerm(t.start * self.time, t.rate / self.time, t.power, t.coefficient * self.gain / self.time ** (t.power + 1))
+            for t in made.terms
+        )
+        return Prefilter(tuple(x * self.time for x in made.delays), tuple(x * self.gain for x in made.gains), terms)
 
 
 def cancelling(plant: LinearPlant, request: Request) -> Prefilter:
@@ -46,16 +105,26 @@ def cancelling(plant: LinearPlant, request: Request) -> Prefilter:
     Raises `PlantError` for plants that no filter suits (unstable ones, zeros at the origin, or asked to be cancelled and not left of the
     axis), `ShaperError` for what cannot satisfy the conditions, `ImpossibleShaperError` where nothing was found.
     """
-    structure = request.structure(plant)
+    given = request.structure(plant)  # what is wrong with it is told in its own units
     if request.instants is not None and request.sample_time is not None:
         raise ShaperError("the delays are given, or chosen from samples: not both")
-    if request.sample_time is not None:
-        return on_samples(structure, request.sample_time)
-    if request.instants is None:
-        return design(structure)
-    if len(request.instants) != request.delays or any(b <= a for a, b in zip((0.0, *request.instants), request.instants, strict=False)):
-        raise ShaperError(f"{request.delays} delays ascend from more than 0 s; given are {', '.join(map(repr, request.instants))}")
-    return at_delays(structure, np.array([0.0, *request.instants]))
+    if request.sample_time is not None and not 0.0 < request.sample_time < math.inf:
+        raise ShaperError(f"a sample time is positive and finite, not {request.sample_time!r} s")
+    instants = request.instants or ()
+    if request.instants is not None and (
+        len(instants) != request.delays or any(not a < b < math.inf for a, b in zip((0.0, *instants), instants, strict=False))
+    ):
+        raise ShaperError(f"{request.delays} delays ascend from more than 0 s; given are {', '.join(map(repr, instants))}")
+    if given.contradiction is not None:
+        raise ImpossibleShaperError(given.contradiction)
+    units = Units.of(given.conditions)
+    scaled = units.request(request)
+    structure = scaled.structure(units.plant(plant), units.time)
+    if scaled.sample_time is not None:
+        return units.back(on_samples(structure, scaled.sample_time))
+    if scaled.instants is not None:
+        return units.back(at_delays(structure, np.array([0.0, *scaled.instants])))
+    return units.back(design(structure))
 
 
 def staged(plant: LinearPlant, stages: Sequence[tuple[str, float | None]]) -> tuple[Prefilter, ...]:

@@ -43,14 +43,16 @@ def on_samples(structure: Structure, sample_time: float) -> Prefilter:
         raise ImpossibleShaperError(structure.contradiction)
     last = math.ceil(LONGEST * natural_time(structure) / sample_time)
     if last > MOST:
-        raise ShaperError(f"a filter may take {last} samples of {sample_time!r} s: more than {MOST} are not looked through")
+        raise ShaperError(
+            f"a filter may take {last} samples of {sample_time * structure.unit!r} s: more than {MOST} are not looked through"
+        )
     for samples in range(_first(structure, sample_time, last), last + 1):
         found = _shortest(structure, sample_time, samples)
         if found is not None:
             return structure.filter(found.delays, found.unknowns)
     raise ImpossibleShaperError(
-        f"no filter of this form with {form.delays} delays on samples of {sample_time!r} s was found up to {last * sample_time:.6g} s "
-        "within the bounds; one delay more, wider bounds or another form may do"
+        f"no filter of this form with {form.delays} delays on samples of {sample_time * structure.unit!r} s was found up to "
+        f"{last * sample_time * structure.unit:.6g} s within the bounds; one delay more, wider bounds or another form may do"
     )
 
 

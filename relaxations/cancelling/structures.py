@@ -21,6 +21,7 @@ from relaxations.shaping.shapers import ShaperTerm
 Reals = NDArray[np.float64]
 
 DURING, AFTER = 8, 40  # instants at which terms are looked at: between two delays, and after the last one
+NOTHING = 1e-14  # of the largest gain
 FINER = 12  # times as many to see whether bounds are kept
 LASTING = 14.0  # time constants of the slowest pole that are looked at, and four more for each power
 
@@ -50,6 +51,7 @@ class Structure:
     form: Form
     bounds: Bounds = Bounds()
     finer: int = 1
+    unit: float = 1.0  # [s] of its time: for messages
 
     @property
     def fine(self) -> Structure:
@@ -89,14 +91,16 @@ class Structure:
         return tuple(() if part.power is None else self.conditions.terms(part.power, 1.0, 0.0) for part in self.parts)
 
     def filter(self, delays: Sequence[float] | Reals, unknowns: Reals) -> Prefilter:
-        """The filter with these delays [s] and gains and numerators (parts,)."""
-        gains, terms = [0.0] * len(delays), []
+        """The filter with these delays [s] and gains and numerators (parts,); a delay between on which nothing happens is left out."""
+        gains, terms, size = [0.0] * len(delays), [], NOTHING * float(np.abs(unknowns).max())
         for part, value in zip(self.parts, unknowns, strict=True):
-            if part.power is None:
-                gains[part.delay] = float(value)
-            else:
+            if part.power is not None:
                 terms += self.conditions.terms(part.power, float(value), float(delays[part.delay]))
-        return Prefilter(tuple(map(float, delays)), tuple(gains), joined(terms))
+            elif abs(value) > size:
+                gains[part.delay] = float(value)
+        last, begun = len(delays) - 1, {term.start for term in terms}
+        used = [k for k in range(last + 1) if gains[k] or k in (0, last) or delays[k] in begun]
+        return Prefilter(tuple(float(delays[k]) for k in used), tuple(gains[k] for k in used), joined(terms))
 
     @cached_property
     def _looks(self) -> tuple[tuple[int, float, float], ...]:

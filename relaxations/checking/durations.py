@@ -28,6 +28,7 @@ from flint import acb, arb, fmpq
 
 BITS = 128
 MOST_CELLS = 20_000
+FIRST_CELLS, ENOUGH = 64, 1e-9  # of a function of order one: a cell that adds no more to a bound is small enough
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,3 +141,47 @@ def none_on_samples(interval: Fraction, count: int, conditions: Sequence[Conditi
         return all(function(_arb((k - count) * interval), (0,))[0] > 0 for k in range(count + 1))
     finally:
         flint.ctx.prec = before
+
+
+def none_within_sums(duration: Fraction, conditions: Sequence[Condition], lower: Fraction, upper: Fraction) -> bool:
+    """Whether it is proven that no sequence of partial sums in [lower, upper] of at most `duration` [s] meets the conditions.
+
+    Partial sums S, 0 before and 1 at the end, make `Σ A_k p(t_k) = p(T) - ∫ S p'`, at least `p(T) - ∫ max(l p', u p')`. A shorter sequence
+    is one that stays at 1, which lies between the bounds, until T.
+    """
+    before, flint.ctx.prec = flint.ctx.prec, BITS
+    try:
+        if not (_sound(conditions) and lower <= 0 and upper >= 1 and duration > 0):
+            return False
+        function = _Function(conditions)
+        end, first = function(arb(0), (0,))[0], function(-_arb(duration), (0,))[0]  # p - offset
+        rises = _rises(_arb(duration), function)
+        if rises is None:
+            return False
+        falls = rises - (end - first)
+        return bool(end - _arb(upper) * rises + _arb(lower) * falls > 0)
+    finally:
+        flint.ctx.prec = before
+
+
+def _rises(duration: arb, function: _Function) -> arb | None:
+    """An upper bound of `∫ max(p', 0)` on [-duration, 0]: where a cell's sign is not told, its width times the largest slope."""
+    total, width = arb(0), duration / FIRST_CELLS
+    waiting = [(-duration + k * width, -duration + (k + 1) * width) for k in range(FIRST_CELLS)]
+    count = 0
+    while waiting:
+        low, high = waiting.pop()
+        count += 1
+        if count > MOST_CELLS:
+            return None
+        middle, half = ((low + high) / 2).mid(), ((high - low) / 2).upper()
+        slope = function(middle, (1,))[0] + arb(0, (abs(function(low.union(high), (2,))[0]).upper() * half).upper())
+        if slope > 0:
+            total += function(high, (0,))[0] - function(low, (0,))[0]
+        elif not slope < 0:
+            most = 2 * half * slope.upper()  # above 0, or the sign would be told
+            if most < ENOUGH:
+                total += most
+            else:
+                waiting += [(low, middle), (middle, high)]
+    return total

@@ -232,18 +232,26 @@ def _minimised(looks: Looks, windows: Windows, fuel: float | None, costate: Real
     return now
 
 
-def least_fuel(looks: Looks, windows: Windows, start: Dual | None = None, enough: float = np.inf) -> Dual:
-    """The dual of the least fuel: `value` is the fuel that every such command needs (it grows for ever where there is none; the search
-    ends with the first value beyond `enough`)."""
-    if start is None or not start.price:
-        costate, price, _ = _coarse(looks, windows, 0.0, np.array([windows.early, windows.late]))
-    else:
-        costate, price = start.costate, start.price
-    costate, n = costate / (price or 1.0), len(costate)
+def least_fuel(looks: Looks, windows: Windows) -> Dual | None:
+    """The dual of the least fuel: `value` is what every such command burns; None if there is no command in so short a time."""
+    instants, best = np.array([windows.early, windows.late]), None
+    for _ in range(ROUNDS):
+        costate = _coarse_fuel(looks, windows, instants)
+        if costate is None:
+            return best
+        found = _most(looks, windows, costate)
+        best = found if best is None or found.value > best.value else best
+        if np.linalg.norm(best.moments - looks.target) <= SETTLED:
+            break
+        instants = np.unique(np.concatenate([instants, best.edges, found.edges]))
+    return best
+
+
+def _most(looks: Looks, windows: Windows, costate: Reals) -> Dual:
+    """Newton's method for the largest `λᵀ target - Φ(λ, 1)` from a costate."""
+    n = len(costate)
     now = _negated(evaluated(looks, windows, costate, 1.0, 0.0), looks)
     for _ in range(ITERATIONS):
-        if now.value > enough:
-            break
         gradient = now.moments - looks.target
         step = np.append(_step(now.curvature[:n, :n], gradient, None), 0.0)
         if -float(gradient @ step[:n]) <= GAIN * abs(now.value):
@@ -286,19 +294,32 @@ def _gone(looks: Looks, windows: Windows, now: Dual, step: Reals, slope: float, 
     return None
 
 
-def _coarse(looks: Looks, windows: Windows, fuel: float | None, instants: Reals) -> tuple[Reals, float, float]:
-    """Costate, price and fraction from a linear program on a coarse grid and further instants (HiGHS): maximise α of the target."""
+def _coarse_fuel(looks: Looks, windows: Windows, instants: Reals) -> Reals | None:
+    """A costate from the least fuel of a command on a coarse grid and further instants (HiGHS); None if none reaches the target."""
+    table, widths, bounds = _columns(looks, windows, instants)
+    result = linprog(widths, A_eq=table, b_eq=looks.target, bounds=bounds, method="highs")
+    return np.asarray(result.eqlin.marginals) if result.status == 0 else None
+
+
+def _columns(looks: Looks, windows: Windows, instants: Reals) -> tuple[Reals, Reals, list[tuple[float, float | None]]]:
+    """What thrust along the first direction and against it does in the cells where it is admitted: moments, widths, limits."""
     count = int(min(max(COARSE, len(looks.grid) // 3), MOST_COARSE))
     edges = np.unique(np.concatenate([np.linspace(0.0, looks.maneuver_time, count + 1), instants]))
     edges = edges[edges <= looks.maneuver_time]
     table, widths, middles = np.diff(looks.rows(edges, 1), axis=1), np.diff(edges), (edges[1:] + edges[:-1]) / 2
     first, second = middles > windows.early, middles < windows.late
-    columns = np.hstack([looks.along * table[:, first], -looks.along * table[:, second], -looks.target[:, None]])
-    bounds = [*[(0.0, looks.strong)] * int(first.sum()), *[(0.0, looks.weak)] * int(second.sum()), (0.0, None)]
-    burnt = np.concatenate([widths[first], widths[second], [0.0]])
-    cost = np.append(np.zeros(len(bounds) - 1), -1.0)
-    if fuel == 0.0:  # any budget that is felt
-        fuel = 0.5 * float(burnt[:-1] @ np.array([high for _, high in bounds[:-1]]))
+    columns = np.hstack([looks.along * table[:, first], -looks.along * table[:, second]])
+    bounds: list[tuple[float, float | None]] = [(0.0, looks.strong)] * int(first.sum())
+    bounds += [(0.0, looks.weak)] * int(second.sum())
+    return columns, np.concatenate([widths[first], widths[second]]), bounds
+
+
+def _coarse(looks: Looks, windows: Windows, fuel: float | None, instants: Reals) -> tuple[Reals, float, float]:
+    """Costate, price and fraction from a linear program on a coarse grid and further instants (HiGHS): maximise α of the target."""
+    table, widths, bounds = _columns(looks, windows, instants)
+    columns, burnt = np.hstack([table, -looks.target[:, None]]), np.append(widths, 0.0)
+    bounds = [*bounds, (0.0, None)]
+    cost = np.append(np.zeros(len(widths)), -1.0)
     result = linprog(
         cost,
         A_eq=columns,

@@ -65,8 +65,9 @@ class Sample:
 
     @property
     def fastest(self) -> float:
-        """The largest |p| [1/s]."""
-        return max((abs(pole.value) for pole in self.basis.poles), default=1.0)
+        """The largest |p| [1/s], of modes if there are any: a real pole that is faster than these is gone at once."""
+        swinging = [abs(pole.value) for pole in self.basis.poles if pole.is_flexible]
+        return max(swinging or [abs(pole.value) for pole in self.basis.poles], default=1.0)
 
     def rows(self, since: Reals) -> Reals:
         """The output about its final value at `since` [s] after the command, for each unit moment about the rest: (len(since), n)."""
@@ -101,11 +102,13 @@ class Sample:
             return np.zeros(1), np.zeros(1)
         limit = factor * min(self.room)
         motions, poles = self.motions(moments)[None, :], np.array([[pole.value for pole in self.basis.poles]])
+        step = 2 * np.pi / (FINE * max((abs(pole.value) for pole in self.basis.poles), default=1.0))
         fine = np.linspace(0.0, self.window, int(FINE * self.window * self.fastest / (2 * np.pi)) + 3)
+        fine = np.union1d(np.arange(0.0, min(FINE * step, self.window), step), fine) if step < 0.9 * fine[1] else fine
         values = course(motions, poles, fine[None, :])[0]
         turns = np.flatnonzero((values[1:-1] - values[:-2]) * (values[2:] - values[1:-1]) <= 0.0) + 1
         near = fine[np.append(turns, 0)]  # it may turn before the first instant of the grid
-        where, _ = sharpened(motions, poles, near[None, :], fine[1:2])
+        where, _ = sharpened(motions, poles, near[None, :], np.diff(fine).max(keepdims=True))
         late, _ = aligned(motions, poles, np.array([self.window]), limit, tops(_modes(self.basis)))
         instants = np.concatenate([[0.0], where[0], late])
         found = course(motions, poles, instants[None, :])[0]

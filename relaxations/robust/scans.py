@@ -16,6 +16,7 @@ Complexes = NDArray[np.complex128]
 PER_PERIOD = 48  # instants in a period of the fastest mode
 MOST = 20_000  # instants for one plant
 LASTING = 1e-9  # -Re p / |p|: with less, two modes meet at their worst at last, however long that takes
+EARLY, PER_STEP = 4, 8  # steps after the command that are divided, and into how many parts
 LATE = 1024  # tops of the largest mode at which several modes may meet
 CHUNK = 1_000_000  # instants of all plants that are looked at together
 
@@ -73,7 +74,10 @@ class Scan:
         grown = np.exp(self.poles[:, :, None] * command.to_go)
         motions = self.weights / self.poles**command.order * (grown @ command.jumps)
         moduli = np.abs(motions)
-        fastest, slowest = np.abs(self.poles).max(axis=1), np.abs(self.poles).min(axis=1)
+        # A real pole that is faster than all modes is gone at once: it is looked at early, and not at all instants.
+        swinging = np.where(self.poles.imag > 0.0, np.abs(self.poles), 0.0).max(axis=1)
+        slowest = np.abs(self.poles).min(axis=1)
+        fastest = np.where(swinging > 0.0, swinging, np.abs(self.poles).max(axis=1))
         count = int(min(PER_PERIOD * periods * (fastest / slowest).max(), MOST)) + 3
         steps = 2 * np.pi * periods / slowest / (count - 1)
         lasting = (-self.poles.real <= LASTING * np.abs(self.poles)).all(axis=1)
@@ -89,8 +93,9 @@ class Scan:
 
 def _peaks(motions: Complexes, poles: Complexes, steps: Reals, count: int) -> Reals:
     """`max |Re Σ_j Z_j e^{p_j τ}|` over `count` instants from 0 on, and about the largest: (k,)."""
-    values = course(motions, poles, np.arange(count) * steps[:, None])
-    later = (np.abs(values[:, 2:]).argmax(axis=1) + 2) * steps  # extremes may lie close together just after the command
+    shares = np.union1d(np.arange(count), np.arange(EARLY * PER_STEP) / PER_STEP)  # of a step
+    values = course(motions, poles, shares * steps[:, None])
+    later = shares[np.abs(values[:, 2:]).argmax(axis=1) + 2] * steps  # extremes may lie close together just after the command
     near = sharpened(motions, poles, np.stack([np.zeros(len(later)), steps, later], axis=1), steps)[1].max(axis=1)
     return np.maximum(np.abs(values).max(axis=1), near)
 

@@ -39,12 +39,14 @@ from relaxations.shaping.insensitive import specified
 from relaxations.shaping.insensitive_samples import within_on_samples
 from relaxations.shaping.least_durations import Remnant, least_with_derivatives
 from relaxations.shaping.modes import Mode
+from relaxations.shaping.negative_amplitudes import negative_at_once
 from relaxations.shaping.pulses import at_intervals, pulsed
 from relaxations.shaping.ranges import humped_ranges
 from relaxations.shaping.requests import Least, Made, Request
 from relaxations.shaping.sampled import Sampled, sampled
 from relaxations.shaping.shapers import Shaper, as_pulses, convolve
 from relaxations.shaping.small_tolerances import SMALLEST, within
+from relaxations.shaping.sums_within import within_sums_and_bands
 from relaxations.shaping.vanishing import require
 
 LARGER_TOLERANCE = "a tolerance so small is kept by a humped shaper, near the shortest; the least duration is that of a larger tolerance"
@@ -198,6 +200,12 @@ def _humps_of(number: int) -> str:
 
 
 def _unity_humps(request: Request, number: int) -> Made:
+    if request.simultaneous and len(different(request.modes)) > 1:
+        bands = humped_ranges(different(request.modes), request.tolerance, number, unity_magnitude)
+        found = within_sums_and_bands(bands, 0.0, 1.0)
+        what = f"partial sums in [0, 1] within {request.tolerance:g} over the range of each mode's own um-{_humps_of(number)}"
+        least = least_of(found.lower, f"sequences of {what}")
+        return Made(found.shaper, least, tuple(enumerate(bands)), () if least else (UNPROVEN,))
     humped = [unity_magnitude(mode, request.tolerance, number) for mode in request.modes]
     shaper = reduce(convolve, (one.shaper for one in humped))
     zeros = [zero for one in humped for zero in one.zeros]
@@ -220,6 +228,12 @@ def _modified(request: Request, number: int) -> Made:
 
 def _negative(request: Request, number: int) -> Made:
     negative = request.negative if request.negative is not None else math.nan
+    if request.simultaneous and len(modes := different(request.modes)) > 1:
+        for mode in modes:
+            negative_zv(mode, negative)  # refuses what is no size of an amplitude
+        shaper = negative_at_once(modes, negative)
+        least = with_negative(shaper, [Remnant(mode) for mode in modes], "zero vibration")
+        return Made(shaper, least, notes=() if least else (UNPROVEN,))
     shaper = _in_turn(request.modes, lambda mode: negative_zv(mode, negative))
     return Made(shaper, with_negative(shaper, [Remnant(mode) for mode in request.modes], "zero vibration"))
 
@@ -342,14 +356,6 @@ _PERIOD = (
     "asks for what mzv is not: it is told by 3/4 of one mode's period, and several modes have several; without it one for each mode is "
     "convolved, and zv with it is the shortest positive shaper of the same zeros"
 )
-_SHAPE = (
-    "asks for what sna-zv is not: it is three impulses A, -b, 1 + b - A, which have no numbers left for a second mode; without it one for "
-    "each mode is convolved, and sums-zv with --sums -b:1+b is one solution for all modes, with partial sums within these bounds"
-)
-_UNITY = (
-    "asks for what is not made: impulses 1, -1, 1 … amplify where another mode has its humps, and no solution with all humps at the "
-    "tolerance is known here; without it one for each mode is convolved, um-zv-d:N and ei with it are one solution for all modes"
-)
 _EITHER = frozenset({"simultaneous", "pulse"})
 _PULSE = frozenset({"pulse"})
 KINDS = (
@@ -364,10 +370,10 @@ KINDS = (
          _EITHER | {"sample_time"}),
     Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity,
          _EITHER | {"sample_time"}, zeros=_all),
-    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _PULSE,
-         zeros=_between_unity_humps, apart=_UNITY),
-    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _PULSE | {"negative"}, frozenset({"negative"}),
-         _once, _SHAPE),
+    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _EITHER,
+         zeros=_between_unity_humps),
+    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _EITHER | {"negative"}, frozenset({"negative"}),
+         _once),
     Kind("sums-zv, sums-zvd, sums-zv-d:N", r"sums-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest with partial sums within bounds", _sums,
          _EITHER | {"sums", "sample_time"}, frozenset({"sums"}), _all),
     Kind("pulses-zv, pulses-zvd, pulses-zv-d:N", r"pulses-zv(?:(?P<d>d*)|-d:(\d+))", "pulses of one height and variable duration", _on_off,

@@ -9,11 +9,11 @@ specified insensitivity. For one mode without damping it is the humped shaper it
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from relaxations.errors import SolverError
 from relaxations.shaping.bands import Band
-from relaxations.shaping.humps import extra_insensitive
+from relaxations.shaping.humps import Humped, extra_insensitive
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.sensitivity import insensitive_range
 
@@ -22,15 +22,17 @@ ENDLESS = 4.0  # times the frequency: as far as a range goes that has no end
 GRAIN = 1e6  # ends are whole numbers of this part of the frequency, towards the inside: they are printed as they are meant
 
 
-def humped_ranges(modes: Sequence[Mode], tolerance: float, humps: int) -> tuple[Band, ...]:
-    """Of each mode the range over which its own shaper with so many humps keeps `tolerance`.
+def humped_ranges(
+    modes: Sequence[Mode], tolerance: float, humps: int, made: Callable[[Mode, float, int], Humped] = extra_insensitive
+) -> tuple[Band, ...]:
+    """Of each mode the range over which its own shaper with so many humps keeps `tolerance`; `made` makes it.
 
     With much damping a range has no end: it then goes to `ENDLESS` times the frequency. Raises `SolverError` where
     there is no such shaper.
     """
     bands = []
     for mode in modes:
-        own = extra_insensitive(mode, tolerance, humps).shaper
+        own = made(mode, tolerance, humps).shaper
         low, high = insensitive_range(own.times, own.amplitudes, mode.frequency, mode.damping, tolerance * (1.0 + TOUCHED))
         high = min(high, ENDLESS)
         if not 0.0 < low < high:
