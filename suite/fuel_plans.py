@@ -113,7 +113,10 @@ def plan(
     held: bool | None = None,
     weights: bool = True,
 ) -> Plan:
-    """Choose the budgets; without a word commands are `held` in a form where that does not take long. Raises `StudyError` for a study that burns no fuel, or for ever, `FuelError` for options that make no sense."""
+    """Choose the budgets; without a word commands are `held` in a form where that does not take long.
+
+    Raises `StudyError` for a study that burns no fuel, or for ever, `FuelError` for options that make no sense.
+    """
     low, high = budget("--from", least), budget("--to", most)
     wanted, asked = kinds(names), [found for text in shown if (found := budget("--show", text)) is not None]
     chosen = settings or Settings()
