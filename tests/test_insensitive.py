@@ -19,6 +19,7 @@ from relaxations.shaping.impulses import derivative_shaper
 from relaxations.shaping.insensitive import Shortest, specified
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.sensitivity import residual
+from relaxations.shaping.small_tolerances import within
 
 PROVEN = 1.1e-8  # relative distance of the lower bound: it is tried at 1e-8 first
 
@@ -195,3 +196,11 @@ def test_a_range_of_dampings_is_designed_for(band: tuple[float, float, float], d
 def test_wrong_dampings_of_a_band_are_named():
     with pytest.raises(ShaperError, match=r"not from 0\.2 to 0\.1"):
         Band(Mode(1.0, 0.15), 0.9, 1.1, 0.05, (0.2, 0.1))
+
+
+def test_a_small_tolerance_over_a_range_of_dampings_is_kept_by_a_shaper_with_derivatives():
+    band = Band(Mode(2 * math.pi, 0.05), 0.95, 1.05, 1e-8, (0.04, 0.06))
+    found = within([band])
+    for damping in np.linspace(0.04, 0.06, 11):
+        omega = np.linspace(0.95, 1.05, 101) * 2 * math.pi
+        assert residual(found.shaper.times, found.shaper.amplitudes, omega, damping).max() <= 1e-8

@@ -53,24 +53,27 @@ def within_small(band: Band) -> Shortest:
 
     Raises `SolverError` where none of those above does.
     """
-    at = Mode(1.0, band.damped[0])
-    for one in _candidates(at, band.tolerance):
-        low, high = insensitive_range(one.times, one.amplitudes, 1.0, at.damping, band.tolerance)
-        if not 0.0 < low < high or high / low * (1.0 - INSIDE) < band.high / band.low:
-            continue
-        unit = band.mode.frequency * band.low / low * (1.0 - INSIDE)  # what is 1 rad/s there
+    ranged = band.damped[0] < band.damped[1]  # humps are at one damping
+    at = Mode(1.0, sum(band.damped) / 2.0 if ranged else band.mode.damping)
+    for one in _candidates(at, band.tolerance, 0 if ranged else MOST_HUMPS):
+        unit = band.mode.frequency * (band.low + band.high) / 2.0  # what is 1 rad/s there
+        if not ranged:
+            low, high = insensitive_range(one.times, one.amplitudes, 1.0, at.damping, band.tolerance)
+            if not 0.0 < low < high or high / low * (1.0 - INSIDE) < band.high / band.low:
+                continue
+            unit = band.mode.frequency * band.low / low * (1.0 - INSIDE)
         shaper = Shaper(tuple(t / unit for t in one.times), one.amplitudes)
         if not exceeded(np.array(shaper.times), np.array(shaper.amplitudes), [band], 1.0):
             return Shortest(shaper, _lower(band))
     raise SolverError(
-        f"no shaper was found that keeps {band.tolerance!r} from {band.low:g} to {band.high:g} of the frequency; narrower bands and "
-        f"tolerances from {LEAST_TOLERANCE!r} on are possible"
+        f"no shaper was found that keeps {band.tolerance!r} from {band.low:g} to {band.high:g} of the frequency, damping "
+        f"{band.damped[0]:g} to {band.damped[1]:g}; narrower bands, one damping, and tolerances from {LEAST_TOLERANCE!r} on are possible"
     )
 
 
-def _candidates(mode: Mode, tolerance: float) -> Iterator[Shaper]:
+def _candidates(mode: Mode, tolerance: float, most_humps: int) -> Iterator[Shaper]:
     if tolerance >= LEAST_TOLERANCE:
-        for humps in range(1, MOST_HUMPS + 1):
+        for humps in range(1, most_humps + 1):
             try:
                 yield extra_insensitive(mode, tolerance, humps).shaper
             except (SolverError, ShaperError):
