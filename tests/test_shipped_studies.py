@@ -39,6 +39,7 @@ MISSED = {
     "two_mass_box_limits": ("BOXED-001", "peak(spring)"),
     "two_mass_further_zero": ("ZERO-001", "residual_vibration"),
     "two_mass_fuel": ("FUEL-001", "fuel"),
+    "two_mass_fuel_efficient": ("EFF-001", "fuel"),
     "two_mass_limits": ("LIMITS-001", "peak(velocity_2)"),
     "two_mass_rate": ("RATE-001", "peak_rate"),
     "two_mass_speed_limit": ("SPEED-001", "peak(velocity_2)"),

@@ -25,6 +25,7 @@ from relaxations.maneuvers import Problem
 Reals = NDArray[np.float64]
 
 SAMPLES_PER_PERIOD, LEAST_SAMPLES, MOST_SAMPLES = 48, 240, 40_000  # of the grid on which a costate's signs are looked at
+METHODS = ("highs", "highs-ds", "highs-ipm")  # tried in turn: one may stall where another does not
 COARSE, MOST_COARSE = 160, 1200  # cells of the linear program that a search begins with
 ITERATIONS, HALVINGS = 40, 14
 GAIN = 2e-15  # of the value: a step that gains less is none
@@ -70,7 +71,7 @@ class Looks:
         change = np.linalg.qr(rows.T / np.sqrt(count))[1]
         share = np.abs(np.diag(change)) / np.linalg.norm(change, axis=0)
         if not share.min(initial=1.0) > count * np.finfo(float).eps:
-            raise ShortHorizonError(f"the moment equations are dependent over {maneuver_time!r} s")
+            raise ShortHorizonError(f"the moment equations are dependent over {float(maneuver_time)!r} s")
         turned = np.linalg.inv(change.T)
         turned = turned / np.linalg.norm(turned @ problem.target)
         strong, weak = (problem.upper, -problem.lower) if along > 0 else (-problem.lower, problem.upper)
@@ -320,17 +321,21 @@ def _coarse(looks: Looks, windows: Windows, fuel: float | None, instants: Reals)
     columns, burnt = np.hstack([table, -looks.target[:, None]]), np.append(widths, 0.0)
     bounds = [*bounds, (0.0, None)]
     cost = np.append(np.zeros(len(widths)), -1.0)
-    result = linprog(
-        cost,
-        A_eq=columns,
-        b_eq=np.zeros(len(columns)),
-        A_ub=None if fuel is None else burnt[None, :],
-        b_ub=None if fuel is None else [fuel],
-        bounds=bounds,
-        method="highs",
-    )
-    if result.status != 0:
-        raise SolverError(f"the linear program at T = {looks.maneuver_time!r} s has no answer: {result.message}")
+    result = None
+    for method in METHODS:
+        result = linprog(
+            cost,
+            A_eq=columns,
+            b_eq=np.zeros(len(columns)),
+            A_ub=None if fuel is None else burnt[None, :],
+            b_ub=None if fuel is None else [fuel],
+            bounds=bounds,
+            method=method,
+        )
+        if result.status == 0:
+            break
+    if result is None or result.status != 0:
+        raise SolverError(f"the linear program at T = {float(looks.maneuver_time)!r} s has no answer that was found")
     costate = np.asarray(result.eqlin.marginals)
     price = 0.0 if fuel is None else max(-float(result.ineqlin.marginals[0]), 0.0)
     scale = float(costate @ looks.target)
