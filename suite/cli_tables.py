@@ -88,8 +88,8 @@ def tradeoff(study: Path, tolerances: str | None, widths: str | None, plot: Path
 @click.option("--level", type=float, default=0.05, show_default=True, help="Residual at which insensitivity is measured, of a step.")
 @click.option("--higher-mode", "higher", type=float, default=3.0, show_default=True,
               help="The mode that nobody modelled, times the highest frequency.")  # fmt: skip
-@click.option("--held/--no-held", default=True, show_default=True,
-              help="Look too at commands held in the form of pulses one way, then the other, and at α_crit.")  # fmt: skip
+@click.option("--held/--no-held", default=None,
+              help="Commands held to pulses one way, then the other, and α_crit too; default: with one mode at most.")  # fmt: skip
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw the overview to this file (SVG).")
 @click.option("--out", type=click.Path(path_type=Path),
               help="Folder for every picture, a page, and the record; default: NAME-fuel, unless --json or --plot is given.")  # fmt: skip
@@ -106,7 +106,7 @@ def fuel(
     shown: tuple[str, ...],
     level: float,
     higher: float,
-    held: bool,
+    held: bool | None,
     plot: Path | None,
     out: Path | None,
     certificates: Path | None,
@@ -125,7 +125,7 @@ def fuel(
         out = Path(f"{study.stem}-fuel")
     asked = fuel_records.Settings(level, higher)
     planned = fuel_plans.plan(
-        load_study(study), least, most, count, names or fuel_plans.DEFAULT_KINDS, shown, asked, held=held, weights=held
+        load_study(study), least, most, count, names or fuel_plans.DEFAULT_KINDS, shown, asked, held=held, weights=held is not False
     )
     with console.progress("bracketing", planned.count) as bar:
         done = fuel_sweeps.sweep(planned, certificates, bar.advance)

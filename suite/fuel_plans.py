@@ -25,6 +25,7 @@ from suite.study import Study
 DEFAULT_KINDS = ("rb", "zv", "zvd")
 KIND = re.compile(r"rb|zv(d*)")
 MOST_ZEROS, MOST_POINTS, POINTS = 6, 2000, 200
+EASY = 1  # flexible modes: of more of them a proof of what is held in a form takes long
 SPARING = 7  # without --from: the most that any of the kinds burns, divided by this
 MORE = 1.02  # times the fuel that every command needs: with hardly more than that a move takes for ever
 DIGITS = 4  # of a node's fuel where it is written as a budget, rounded up
@@ -109,10 +110,13 @@ def plan(
     shown: Sequence[str] = (),
     settings: Settings | None = None,
     *,
-    held: bool = True,
+    held: bool | None = None,
     weights: bool = True,
 ) -> Plan:
-    """Choose the budgets; raises `StudyError` for a study that burns no fuel, or for ever, `FuelError` for options that make no sense."""
+    """Choose the budgets; without a word commands are `held` in a form where that does not take long.
+
+    Raises `StudyError` for a study that burns no fuel, or for ever, `FuelError` for options that make no sense.
+    """
     low, high = budget("--from", least), budget("--to", most)
     wanted, asked = kinds(names), [found for text in shown if (found := budget("--show", text)) is not None]
     chosen = settings or Settings()
@@ -146,6 +150,8 @@ def plan(
     against = reason_against(posed[-1][1])
     if against is not None and plant.flexible:
         notes.append(f"nodes are known in closed form where {against}; prudent choices are knees of the sampled curves")
+    if held is None and not (held := len(plant.flexible) <= EASY):
+        notes.append(f"commands held in the form of pulses one way, then the other, are left out, with {len(plant.flexible)} modes: --held")
     known = [(_up(node.fuel, DIGITS), node) for node in nodes(posed[-1][1], float(low), float(high))]
     known = [(fuel, node) for fuel, node in known if low <= fuel <= high]
     own = study.limits.fuel

@@ -89,10 +89,15 @@ class Designed:
         """What is said of it on a terminal, beside its table."""
         upper = "–" if self.bound.upper is None else repr(self.bound.upper)
         yield f"duration: {self.prefilter.duration!r} s: the shortest of its form that was found"
-        task = f"any command within the limits: [{self.bound.lower!r}, {upper}] s: {self.bound.status.name.lower()}"
+        rest = "the output" if self.study.command.tail else "every state"
+        more = ", as robust," if self.request.robustness else ""
+        sides = f"[{self.bound.lower!r}, {upper}] s: {self.bound.status.name.lower()}"
+        task = f"any command{more} within the limits that brings {rest} to rest: {sides}"
         yield task if self.request.bounds.levels is not None else f"{task} (this filter is not held within them)"
         if self.least is not None:
-            yield f"no filter that never turns back is as short as {self.least!r} s, with any number of delays: proved"
+            tails = {None: "with tails at any zeros", (): "without tails"}.get(self.request.zeros, "with tails at these zeros")
+            proved = f"no filter that never turns back, {tails}{more} is as short as {self.least!r} s, with any number of delays: proved"
+            yield f"{proved} (for poles and zeros as doubles)"
         yield f"left of the poles that it cancels: {self.residual:.2g} of its gains (measured)"
         if self.prefilter.terms:
             yield f"the tail is within {SETTLED:.0%} of the largest input {self.tail:.4g} s after the last delay (measured)"

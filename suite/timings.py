@@ -207,6 +207,10 @@ def study_timing(study: Study, asked: Asked) -> Timing:
         happening, notes = timing.delayed(planned, asked.on, asked.off)
     except CommandError as refused:
         raise StudyError(str(study.file), [Mistake("command", ABSENT, str(refused))]) from None
+    motions = timing.motions(made.plant, float(study.maneuver.displacement))
+    if growing := [motion.name for motion in motions if motion.flexible and len(motion.coefficients) > 1]:
+        why = f"{growing[0]} is a repeated pole: what it leaves may grow after the move, and timing is about simple flexible modes"
+        raise StudyError(str(study.file), [Mistake("plant", ABSENT, why)])
     _require_room(happening, asked)
     errors = np.random.default_rng(asked.seed).normal(0.0, asked.jitter, (asked.samples, len(happening))) if asked.jitter else None
     found = [
@@ -219,7 +223,7 @@ def study_timing(study: Study, asked: Asked) -> Timing:
             None if errors is None else timing.sampled(motion, happening, command.end, errors),
             worst(motion, happening, command.end, asked.within) if asked.within else None,
         )
-        for motion in timing.motions(made.plant, float(study.maneuver.displacement))
+        for motion in motions
     ]
     more = [
         f"of {one.motion.name} the worst is told to {one.worst.bound / one.worst.attained - 1:.1%} only"

@@ -313,7 +313,7 @@ def test_a_tail_that_begins_on_a_limit_and_goes_on_beyond_is_not(sign: int) -> N
 TRIPLE = (["1", "6", "12", "8"], ["1", "5", "11", "15", "9", "3", "1"])
 
 
-@pytest.mark.parametrize("above", [["8", "12", "6", "1"], ["1"], ["6", "5", "12", "7", "8"], ["5", "1"], ["1", "2"]])
+@pytest.mark.parametrize("above", [["8", "12", "6", "1"], ["1"], ["6", "5", "12", "7", "8"], ["5", "1"], ["1", "2"], ["3", "4"]])
 def test_what_a_tail_of_a_triple_zero_does_to_an_output(above: list[str]) -> None:
     """`Σ_{k≥l} G^(k-l)(z)/(k-l)! c_k` at z = -2, the derivatives by exact division of power series about it."""
     posed = system(task(*TRIPLE, "1", rest="output", outputs={"w": above}, deflection={"w": "50"}))

@@ -5,19 +5,24 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
+from itertools import pairwise
 from math import pi, sqrt
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import proving
 import pytest
-from forgery import changed
+from flint import arb, fmpq
+from forgery import changed, number, written
 from independent import StateSpace
 from problems import transfer
 from scipy.optimize import linprog
 
 from relaxations.bounds import Bound, Status
+from relaxations.checking import changes
 from relaxations.checking.claims import Outcome, check, claim
+from relaxations.checking.reading import Refuted, Undecided
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.onoff.held import in_form, towards
@@ -164,3 +169,42 @@ def test_what_no_form_can_do_is_refused() -> None:
 def test_too_little_fuel_is_impossible_in_form_too() -> None:
     assert bound("lag", "1", "0.9").status is Status.IMPOSSIBLE
     assert bound("lag", "1", "1.2").status is Status.PROVED
+
+
+def held_system(rest: int = 0) -> Any:
+    return SimpleNamespace(rest=rest, task=SimpleNamespace(limits=SimpleNamespace(held="positive, then negative")))
+
+
+def test_a_level_that_may_be_on_the_other_side_has_changed_its_sign() -> None:
+    """A ball from -1/2 to exactly 0: the level after it may not go back."""
+    balls = (arb(-0.25 - k * 2.0**-33, 0.25) for k in range(-200, 200))
+    doubtful = next(ball for ball in balls if 1 * ball <= 0 and not 1 * ball < 0)  # products are rounded outward
+    changes.form(held_system(), [fmpq(1), doubtful, fmpq(-1)])
+    with pytest.raises(Refuted, match="level 2"):
+        changes.form(held_system(), [fmpq(1), doubtful, fmpq(1), fmpq(-1)])
+
+
+def test_a_form_is_of_moves_that_end_without_input() -> None:
+    """Else the input at the target were on the first side for ever."""
+    for claimed in (lambda system: changes.form(system, [fmpq(1)]), lambda system: changes.prove(system, [], fmpq(1), lambda *_: arb(0))):
+        with pytest.raises(Undecided, match="without input"):
+            claimed(held_system(rest=1))
+
+
+def test_no_changes_of_sign_are_too_close_to_be_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    content = bound("spring", "5", None, 1).certificate
+    assert content is not None
+    seen: list[Any] = []
+    between = changes.between
+    monkeypatch.setattr(changes, "between", lambda *given: (seen.append(given[2:4]), between(*given))[1])
+    assert check(content).outcome is Outcome.PROVED
+    before = len(seen)
+
+    def closely(data: Any) -> None:
+        nodes = data["lower"]["changes"]
+        place = next(i for i, (a, b) in enumerate(pairwise(nodes)) if number(a["at"]) < number(b["at"]))
+        nodes.insert(place + 1, {**nodes[place], "at": written(number(nodes[place]["at"]) + Fraction(1, 10**42))})
+
+    seen.clear()
+    check(changed(content, closely))
+    assert len(seen) % (before + 1) == 0

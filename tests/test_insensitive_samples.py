@@ -27,12 +27,16 @@ def polygons(bands: list[Band], step: float, samples: int, corners: int = 64) ->
     turns = np.exp(-2j * np.pi * np.arange(corners) / corners)
     rows, limits = [], []
     for band in bands:
-        for damping in np.linspace(*(band.dampings or (band.mode.damping,) * 2), 1 if band.dampings is None else 5):
+        for damping in np.linspace(*_dampings(band), 1 if band.dampings is None else 5):
             for omega in np.linspace(band.low, band.high, 21) * band.mode.frequency:
                 rows.append(np.real(turns[:, None] * np.exp(complex(damping, math.sqrt(1 - damping**2)) * omega * since)))
                 limits.append(np.full(corners, band.tolerance))
     ones = np.ones((1, samples + 1))
     return linprog(np.zeros(samples + 1), np.vstack(rows), np.concatenate(limits), ones, [1.0], method="highs").status == 0
+
+
+def _dampings(band: Band) -> tuple[float, float]:
+    return band.dampings or (band.mode.damping, band.mode.damping)
 
 
 @pytest.mark.parametrize(
@@ -49,7 +53,7 @@ def test_it_holds_in_the_whole_box_and_fewer_samples_do_not_do(bands: list[Band]
     assert np.abs(places - np.round(places)).max() < 1e-9
     assert min(found.shaper.amplitudes) > 0.0
     for band in bands:
-        for damping in np.linspace(*(band.dampings or (band.mode.damping,) * 2), 21):
+        for damping in np.linspace(*_dampings(band), 21):
             omega = np.linspace(band.low, band.high, 401) * band.mode.frequency
             assert residual(found.shaper.times, found.shaper.amplitudes, omega, damping).max() <= band.tolerance
     assert found.needed == round(places[-1])

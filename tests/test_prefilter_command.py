@@ -62,7 +62,7 @@ def test_a_study_of_filters_says_what_is_left_out(study: Path) -> None:
 def test_files_and_pictures(study: Path, tmp_path: Path) -> None:
     done = run(study, "--delays", 1, "--form", "last+step", "--save", tmp_path / "f.json", "--plot", tmp_path / "f.svg")
     assert done.exit_code == 0
-    assert "any command within the limits: [" in done.stdout
+    assert "any command within the limits that brings the output to rest: [" in done.stdout
     assert "zero[1] elsewhere by 1%" in done.stdout
     kept = Prefilter.from_json((tmp_path / "f.json").read_text())
     assert kept.duration == pytest.approx(2.3672493903, abs=DIGITS)

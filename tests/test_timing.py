@@ -229,6 +229,16 @@ def test_one_object_and_the_same_draws_from_the_same_seed(tmp_path: Path):
     assert mode["jitter"]["largest"] > mode["jitter"]["p95"] > mode["jitter"]["rms"] / 2
 
 
+def test_repeated_flexible_modes_are_refused(tmp_path: Path):
+    """What is left of them may grow after the move: twice |z| is no amplitude then."""
+    file = tmp_path / "repeated.toml"
+    plant = "[plant]\nnumerator = [1]\ndenominator = [1, 0.4, 2.04, 0.4, 1]\n"
+    file.write_text(f'title = "a"\n{plant}[maneuver]\ndisplacement = 1\n[limits]\ninput = [-1, 3]\n')
+    done = CliRunner().invoke(main, ["timing", str(file), "--within", "0.01"])
+    assert done.exit_code == 2
+    assert "mode[1] is a repeated pole" in " ".join(done.output.split())
+
+
 def test_tables_and_picture(tmp_path: Path):
     drawn = tmp_path / "timing.svg"
     done = CliRunner().invoke(main, ["timing", STUDY, "--within", "0.01", "--jitter", "0.001", "--samples", "100", "--plot", str(drawn)])

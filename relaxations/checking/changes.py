@@ -49,6 +49,7 @@ def sensible(task: Any, lower: Any) -> None:
 
 def prove(system: System, nodes: Sequence[Any], time: fmpq, support: Support) -> None:
     """Prove that no command of the form takes less than `time` seconds; raises `Refuted` or `Undecided`. `support` is that of `lower`."""
+    at_rest(system)
     along, horizon = ORDER[system.task.limits.held], arb(time).upper()
     if not nodes or not nodes[-1].at >= time:
         raise Undecided("the changes of sign do not cover the time that is claimed")
@@ -67,15 +68,21 @@ def prove(system: System, nodes: Sequence[Any], time: fmpq, support: Support) ->
         waves.append(p)
         gains.append(gain - spent)
     for i, (one, other) in enumerate(pairwise(nodes)):
-        a, b = arb(one.at), arb(min(other.at, time))
-        if not a < b:
+        if one.at >= min(other.at, time):
             continue
+        a, b = arb(one.at), arb(min(other.at, time))
         excess = between(waves[i : i + 2], (one.fuel, other.fuel), a, b, strong, weak)
         for gain in gains[i : i + 2]:
             if gain < 0:
                 raise Refuted(f"the costate of change of sign {i} or the next does not refute it at the time that is claimed")
             if not gain > excess:
                 raise Undecided(f"commands whose sign changes between {i} and {i + 1} are not refuted at this precision")
+
+
+def at_rest(system: System) -> None:
+    """Raise `Undecided` where an input that is never on the other side again would hold the plant at its target for ever."""
+    if system.rest != 0:
+        raise Undecided("a form is held by moves that end without input")
 
 
 def pay(p: Wave, price: fmpq, limit: arb, span: tuple[arb, arb], support: Support, fine: arb) -> arb:
@@ -144,12 +151,13 @@ def min_of(numbers: list[arb]) -> arb:
 
 def form(system: System, levels: list[Any]) -> None:
     """Prove that levels (deviations, in order of time) are of the form; raises `Refuted` or `Undecided`."""
+    at_rest(system)
     along, changed = ORDER[system.task.limits.held], False
     for i, level in enumerate(levels):
         value = along * arb(level)
         if value.is_zero() or (value >= 0 and not changed):
             continue
-        changed = changed or bool(value < 0)
+        changed = changed or not value >= 0  # the level may be anywhere in its ball
         if value > 0:
             raise Refuted(f"level {i} is along the first direction after the sign has changed")
         if not value <= 0:
