@@ -76,7 +76,8 @@ def test_pulses_have_widths_and_numbers_and_tasks_that_suit_them() -> None:
         ("1", 0, False),
     ):
         assert malformed(task(["1"], ["1", "0", "0"], pulse_width=width, pulses=number)) != fine, (width, number)
-    for one in ({"pulse_width": "1"}, {"pulses": 1}):
+    pulses: tuple[dict[str, Any], ...] = ({"pulse_width": "1"}, {"pulses": 1})
+    for one in pulses:
         assert malformed(task(["1"], ["1", "0", "0"], sample_time="1/10", **one))
         assert malformed(task(["1", "1"], ["1", "0", "0"], rest="output", **one))
     assert not malformed(task(["1"], ["1", "0", "0"], sample_time="1/10"))
@@ -231,16 +232,16 @@ def test_what_lies_between_two_nodes() -> None:
 
     def excess(first: tuple[float, float], other: tuple[float, float], a: float, b: float, price: int = 0) -> float:
         waves = [balls.Wave.of(roots, [arb(x) for x in pair]) for pair in (first, other)]
-        return float(changes.between(waves, (fmpq(price),) * 2, arb(a), arb(b), arb(2), arb(3)))
+        return float(changes.between(waves, (fmpq(price), fmpq(price)), arb(a), arb(b), arb(2), arb(3)))
 
     assert excess((0, 1), (0, 1), 1, 2) == pytest.approx(2 * (2 - 1) / 4)
     assert excess((0, 1), (1, 0), 1, 2) == pytest.approx(0, abs=1e-8)
     assert excess((0, -1), (0, -1), 1, 2) == pytest.approx(3 * (2 - 1) / 4)
     assert excess((1, 0), (0, 1), 1, 2, price=1) == pytest.approx(2 / 4)
-    assert excess((-1.5, 1), (-1.5, 1), 1, 2) == pytest.approx(2.5 * 0.5)
-    falls = [(1.5, -1.0), (1.25, -1.0)]
-    assert excess(*falls, 1, 2) == pytest.approx(3 * 0.75**2 / 2)
-    assert excess(*falls, 1.25, 1.5) == pytest.approx(3 * 0.25**2 / 2)
+    assert excess((-1.5, 1), (-1.5, 1), 1, 2) == pytest.approx(2 * 0.5 + 3 * 0.5)
+    first, other = (1.5, -1.0), (1.25, -1.0)
+    assert excess(first, other, 1, 2) == pytest.approx(3 * 0.75**2 / 2)
+    assert excess(first, other, 1.25, 1.5) == pytest.approx(3 * 0.25**2 / 2)
 
 
 def test_a_command_of_the_form() -> None:
