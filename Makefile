@@ -4,8 +4,9 @@ PYTHON ?= python3
 VENV   ?= .venv
 OUT    ?= evidence/two_mass
 STUDY  ?= suite/studies/two_mass.toml
-# three workers on two processors (some tests wait for an FMU to hang); a file's tests stay together, so that what a file sets up is set up once
-PYTEST_FLAGS ?= -n 3 --dist loadfile
+# three workers on two processors (some tests wait for an FMU to hang); the tests of a file stay together, so that what it sets up is set up once, and
+# files go in their order: by their number of tests, the few long ones would come last, on one worker
+PYTEST_FLAGS ?= -n 3 --dist loadfile --no-loadscope-reorder
 
 BIN := $(VENV)/bin
 # twice quiet: errors only
