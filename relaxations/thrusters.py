@@ -161,24 +161,31 @@ def _modulated(problem: Problem, free: Command, choices: Sequence[Fraction]) -> 
 
 
 def _patterns(problem: Problem) -> Iterator[tuple[Fraction, ...]]:
-    """Levels of pulses and coasts in turn. Pulses of one sign alone bring to rest what is held elsewhere, or moves at first."""
-    limits, coast = problem.maneuver.limits, off(problem)
+    """Levels of pulses and coasts in turn. Pulses of one sign alone bring to rest what is held elsewhere, or moves at first.
+
+    Last come those that begin or end with a coast: a start that moves, or a plant that varies, may be worth waiting for, and what another
+    input holds at rest comes there by itself.
+    """
+    limits, coast, seen = problem.maneuver.limits, off(problem), set[tuple[Fraction, ...]]()
     signs = [level for level in (limits.upper, limits.lower) if level != coast]
     size = problem.size if problem.residuals is None else max(problem.size, problem.plants[0].order)
     most, held = min(size + MORE, limits.pulses or size + MORE), bool(problem.hold) or problem.begin is not None
-    seen: set[tuple[Fraction, ...]] = set()
-    for count in range(1, most + 1):
-        orders = [tuple(signs[(i + first) % len(signs)] for i in range(count)) for first in range(len(signs))]
-        if len(signs) == 2 and count <= size + 1:
-            orders += [(one,) * k + (other,) * (count - k) for one, other in (signs, signs[::-1]) for k in range(1, count)]
-        orders += [(one,) * count for one in signs if held]
-        for order in orders:
-            if not _of_form(limits, order):
-                continue
-            pattern = tuple(level for pulse in order for level in (pulse, coast))[:-1]
-            if len(pattern) >= problem.size and pattern not in seen:
-                seen.add(pattern)
-                yield pattern
+    waits = problem.begin is not None or problem.transition is not None
+    comes = bool(problem.hold) or coast != problem.maneuver.rest
+    for before, after in [(False, False), *([(False, True)] if comes else []), *([(True, False), (True, comes)] if waits else [])]:
+        for count in range(1, (min(most, size) if before or after else most) + 1):
+            orders = [tuple(signs[(i + first) % len(signs)] for i in range(count)) for first in range(len(signs))]
+            if len(signs) == 2 and count <= size + 1 and not (before or after):
+                orders += [(one,) * k + (other,) * (count - k) for one, other in (signs, signs[::-1]) for k in range(1, count)]
+            orders += [(one,) * count for one in signs if held or comes]
+            for order in orders:
+                if not _of_form(limits, order):
+                    continue
+                pattern = tuple(level for pulse in order for level in (pulse, coast))[:-1]
+                pattern = (coast,) * before + pattern + (coast,) * after
+                if len(pattern) >= problem.size and pattern not in seen:
+                    seen.add(pattern)
+                    yield pattern
 
 
 def _of_form(limits: Limits, pulses: Sequence[Fraction]) -> bool:

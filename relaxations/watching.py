@@ -7,7 +7,7 @@ the beginning of the move on. Of both only some instants are looked at, and more
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from relaxations.robust.search import worst_places
 from relaxations.varying_courses import VaryingCourse, flows
 
 Reals = NDArray[np.float64]
+Seen = dict[float, tuple[Reals, float]]
 
 POINTS = 400  # of the move at which outputs are looked at
 SAME = 1e-9  # of the move: instants that are so close are looked at once
@@ -31,6 +32,7 @@ class Watch:
     problem: Problem
     after: tuple[Reals, ...]
     during: tuple[Reals, ...]
+    seen: dict[str, Seen] = field(default_factory=dict, compare=False, repr=False)  # by course, what `_gone` knows of a plant that varies
 
     @staticmethod
     def of(posed: Problem) -> Watch:
@@ -49,7 +51,7 @@ class Watch:
             slopes += [-slope / above, slope / below]
         for course, times in zip(self.problem.courses, self.during, strict=True):
             if len(times):
-                value, slope = _gone(self.problem, course, times, levels, durations)
+                value, slope = _gone(self.problem, course, times, levels, durations, self.seen.setdefault(course.name, {}))
                 values += [1.0 - value / course.limit, 1.0 + value / course.limit]
                 slopes += [-slope / course.limit, slope / course.limit]
         return np.concatenate(values), np.vstack(slopes)
@@ -74,7 +76,7 @@ class Watch:
         for number, time in _beyond(more, instants, levels, share):
             found = _added(during[number], np.array([time]), float(instants[-1]))
             over, during[number] = over or len(found) > len(during[number]), found
-        return Watch(more, tuple(after), tuple(during)) if over else None
+        return Watch(more, tuple(after), tuple(during), self.seen) if over else None
 
 
 def _added(known: Reals, new: Reals, horizon: float) -> Reals:
@@ -90,22 +92,25 @@ def _left(sample: Sample, since: Reals, levels: Reals, durations: Reals) -> tupl
     return rows @ (moments - sample.rest), rows @ np.cumsum(sample.basis.rows(to_go) * jumps, axis=1)
 
 
-def _gone(posed: Problem, course: Course, times: Reals, levels: Reals, durations: Reals) -> tuple[Reals, Reals]:
-    """An output at times from the beginning, and its derivatives: a longer piece shifts all jumps after it."""
+def _gone(posed: Problem, course: Course, times: Reals, levels: Reals, durations: Reals, known: Seen) -> tuple[Reals, Reals]:
+    """An output at times from the beginning, and its derivatives: a longer piece shifts all jumps after it.
+
+    `known` keeps what no duration changes, by time.
+    """
     instants = np.concatenate([[0.0], np.cumsum(durations)])
     final = 0.0 if posed.transition is not None else posed.hold
     value, kicks = np.zeros(len(times)), np.zeros((len(times), len(instants)))
     if isinstance(course, VaryingCourse):
-        transition, n = posed.transition, len(course.rest)
+        transition = posed.transition
         assert transition is not None
         jumps = np.append(levels, final) - np.append(0.0, levels)
         whole = transition.rows(np.append(instants, times), 1)
         moving = transition.rows(instants)
         for k, t in enumerate(times):
-            row = course.at(np.array([t]))[0] @ _carried(course, t)[:n, :n]
+            row, resting = known[t] if t in known else known.setdefault(t, _seen(course, t))
             on = instants < t
             reached = ((whole[:, len(instants) + k][:, None] - whole[:, : len(instants)]) * jumps)[:, on].sum(axis=1)
-            value[k] = row @ (reached - course.away) + course.at(np.array([t]))[0] @ course.rest
+            value[k] = row @ (reached - course.away) + resting
             kicks[k] = np.where(on, -(row @ moving) * jumps, 0.0)
     else:
         jumps = np.append(levels, final) - np.append(0.0, levels)
@@ -119,8 +124,11 @@ def _gone(posed: Problem, course: Course, times: Reals, levels: Reals, durations
     return value, later[:, 1:]
 
 
-def _carried(course: VaryingCourse, time: float) -> Reals:
-    return flows(course.moving, course.instants, np.array([0.0, time]))[0] if time > 0.0 else np.eye(len(course.rest) + 2)
+def _seen(course: VaryingCourse, time: float) -> tuple[Reals, float]:
+    """c(t) Φ(t, 0), and c(t) x_ss."""
+    n, row = len(course.rest), course.at(np.array([time]))[0]
+    moved = flows(course.moving, course.instants, np.array([0.0, time]))[0][:n, :n] if time > 0.0 else np.eye(n)
+    return row @ moved, float(row @ course.rest)
 
 
 def _beyond(posed: Problem, instants: Reals, levels: Reals, share: float) -> Sequence[tuple[int, float]]:
