@@ -188,10 +188,14 @@ def _reach(shaper: Shaper, number: int, band: Band) -> Reach:
     low, high = band.dampings or (band.mode.damping, band.mode.damping)
     frequencies = [Fraction(repr(factor)) * Fraction(repr(band.mode.frequency)) for factor in (band.low, band.high)]
     box = (frequencies[0], frequencies[1]), (Fraction(repr(low)), Fraction(repr(high)))
-    for closely in (PROVEN, *CLOSER):
-        worst = worst_residual(*exact, *box, relative=closely, absolute=closely * band.tolerance, order=order)
-        if not worst.lower <= band.tolerance < worst.upper:
-            break
+
+    def enclosed(closely: float) -> Worst:
+        return worst_residual(*exact, *box, relative=closely, absolute=closely * band.tolerance, order=order)
+
+    worst = enclosed(PROVEN)
+    for closely in CLOSER:
+        if worst.lower <= band.tolerance < worst.upper:
+            worst = enclosed(closely)
     return Reach(number + 1, band, worst)
 
 

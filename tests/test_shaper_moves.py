@@ -186,7 +186,7 @@ def test_the_command_line_designs_a_move_and_writes_its_command_and_proof(tmp_pa
         (["zvd", "--move", "0.1", "--input", "x"], 2, "LOW:HIGH"),
         (["zv", "--move", "0.1", "--input", "0:2"], 1, "no such move"),
         (["none", "--move", "0.1", "--input", "-1:2"], 2, "by no demands"),
-        (["si", "--band", "0.8:1.1", "--band", "0.9:1.3@0.1", "--move", "0.1", "--input", "-1:2"], 2, "one band for each mode"),
+        (["si", "--band", "0.8:1.1", "--band", "0.9:1.3@0.1", "--move", "0.1", "--input", "-1:2"], 2, "one tolerance"),
         (["zv", "--command", "move.json"], 2, "move.json"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
