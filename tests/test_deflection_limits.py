@@ -5,17 +5,23 @@ from __future__ import annotations
 from fractions import Fraction
 from functools import cache
 from itertools import pairwise
-from math import sqrt
+from math import comb, factorial, sqrt
 from typing import Any
 
 import numpy as np
 import proving
 import pytest
+from flint import acb, arb, fmpq
+from forgery import forged, opened
 from independent import StateSpace
 from independent_limits import Limited
 from problems import transfer, two_mass
 
 from relaxations.bounds import Bound
+from relaxations.checking import courses
+from relaxations.checking.balls import Root, Wave
+from relaxations.checking.claims import Outcome, check
+from relaxations.checking.reading import Refuted, Undecided
 from relaxations.courses import Course
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Limits, Maneuver, problem
@@ -124,14 +130,65 @@ def test_where_a_limit_makes_no_sense() -> None:
     problem([two_mass()], Maneuver(Fraction(1), Limits.of(-1, 1, None, {"position_1": 1})))  # where it rests, exactly
 
 
-@pytest.mark.slow
 def test_no_overshoot_of_the_controlled_output_itself() -> None:
-    # The limit is where the output rests: the mass of a damped oscillator must not go beyond its target.
+    # The limit is where the output rests: the mass of a damped oscillator must not go beyond its target, which it touches at the end.
     limits = Limits.of(-1, 3, None, {"output": 1})
     lower, upper = sides(minimum_time(problem([transfer([1], [1, "0.4", 1])()], Maneuver(Fraction(1), limits))))
     free = minimum_time(problem([transfer([1], [1, "0.4", 1])()], Maneuver(Fraction(1), Limits.of(-1, 3))))
-    assert free.lower <= upper
-    assert lower < 10
+    assert (lower, upper) == sides(free)  # which does not overshoot
+
+
+@pytest.mark.parametrize("place", ["-0.9", "0.9"])
+def test_a_body_that_moves_too_fast_to_stop_at_its_target_overshoots(place: str) -> None:
+    # At a speed of 2 it stops at ±2, 2 s later, and comes back to ±1: the fastest command is no witness of a move within ±1.
+    sign = -1 if place.startswith("-") else 1
+    start = (Fraction(place), Fraction(2 * sign))
+    found = minimum_time(problem([PLANTS["rigid"]()], Maneuver(Fraction(sign), Limits.of(-1, 1), initial=start)))
+    sides(found)
+
+    def limited(limit: str) -> Outcome:
+        data = opened(found.certificate or b"")
+        data["task"]["limits"]["deflection"] = {"output": limit}
+        data["task"]["plants"][0]["outputs"] = {"output": ["1"]}
+        data["claim"]["lower"], data["lower"] = None, None
+        return check(forged(data)).outcome
+
+    assert limited("1") is not Outcome.PROVED
+    assert limited("2.8999") is not Outcome.PROVED
+    assert limited("2.9001") is Outcome.PROVED
+
+
+THIRD = arb(1) / 3  # no double: what touches a limit there is told from it by its derivatives alone
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(
+    ("power", "factor", "known", "fine"),
+    [
+        (1, -1, 1, True),  # 1 - (1/3 - t): from beneath
+        (1, 1, 1, False),
+        (2, -1, 2, True),
+        (2, 1, 2, False),
+        (3, -1, 3, True),
+        (3, 1, 3, False),
+        (2, -1, 1, False),  # the slope is not known to be 0: that does not say it
+        (2, -1, 0, False),
+    ],
+)
+def test_what_rests_on_its_limit_comes_from_beneath(side: int, power: int, factor: int, known: int, fine: bool) -> None:
+    """1 ± (1/3 - t)^k until t = 1/3, where its value and all derivatives but the k-th are known exactly."""
+    chains = [arb(side)] + [arb(0)] * 3
+    for k in range(power + 1):  # c_k t^k/k!
+        chains[k] += side * factor * comb(power, k) * (-1) ** k * THIRD ** (power - k) * factorial(k)
+    course = Wave.of((Root(acb(0), 4),), chains)
+    last = [fmpq(side), *[fmpq(0)] * (power - 1)][:known]
+    if fine:
+        courses.within(course, THIRD.upper(), fmpq(1), "output", (), last)
+    else:
+        with pytest.raises((Undecided, Refuted)):
+            courses.within(course, THIRD.upper(), fmpq(1), "output", (), last)
+    with pytest.raises((Undecided, Refuted)):  # its rest beyond the limit, or not on its side
+        courses.within(course, THIRD.upper(), fmpq(99, 100), "output", (), last)
 
 
 def test_courses_in_floating_point_are_those_of_state_space() -> None:

@@ -50,7 +50,7 @@ def on_grid(modes: tuple[Mode, ...], negative: float, duration: float, cells: in
     """Whether a grid holds such a sequence; with time from the beginning and unscaled."""
     instants = np.linspace(0.0, duration, cells + 1)
     z = np.array([np.exp(mode.frequency * mode.direction * instants) for mode in modes])
-    table = np.vstack([np.ones(cells + 1), z.real, z.imag])
+    table = np.vstack([np.ones(cells + 1), np.real(z), np.imag(z)])
     count = cells + 1
     found = linprog(
         np.zeros(2 * count),

@@ -190,18 +190,27 @@ def prove(system: System, n: int, command: Sequence[arb | fmpq]) -> None:
     for name, limit in system.task.limits.deflection.items():
         answer = response(system, roots, name, 1 + system.sloped)
         kicks = [(at, scaled(answer, jump)) for at, jump in jumps]
-        first = beginning(system.task, name)
-        for begin, length, chains in pieces(roots, free(system, roots, name), kicks, arb(command[0])):
-            within(wave(roots, chains), length.upper(), limit, name, first if begin == 0 else ())
+        first, last = beginning(system.task, name), resting(system.task, name)
+        parts = list(pieces(roots, free(system, roots, name), kicks, arb(command[0])))
+        for i, (begin, length, chains) in enumerate(parts):
+            known = first if begin == 0 else (), last if i == len(parts) - 1 else ()
+            within(wave(roots, chains), length.upper(), limit, name, *known)
 
 
-def within(course: Wave, end: arb, limit: fmpq, name: str, first: Sequence[fmpq]) -> None:
-    """|course| ≤ limit on [0, end], by bisection; one whose value at 0 is exact, with some derivatives, may touch the limit there."""
+def within(course: Wave, end: arb, limit: fmpq, name: str, first: Sequence[fmpq], last: Sequence[fmpq] = ()) -> None:
+    """|course| ≤ limit on [0, end], by bisection; where its value at 0 or at the end is exact, with some derivatives (`first`, `last`), it
+    may touch the limit there."""
     waiting = [(arb(0), end)]
     while waiting:
         a, b = waiting.pop()
         c, value, _, values = course.over(a, b)
-        if all(side * values <= limit or (a == 0 and recedes(course, b, limit, [side * x for x in first], side)) for side in (1, -1)):
+        span = a.union(b)
+
+        def touches(side: int, a: arb = a, b: arb = b, span: arb = span) -> bool:
+            begins = a == 0 and recedes(course, span, limit, [side * x for x in first], side)
+            return begins or (b == end and recedes(course, span, limit, [side * x for x in last], side, back=True))
+
+        if all(side * values <= limit or touches(side) for side in (1, -1)):
             continue
         if abs(value) > limit:
             raise Refuted(f"the output {name} leaves its limit")
@@ -210,11 +219,16 @@ def within(course: Wave, end: arb, limit: fmpq, name: str, first: Sequence[fmpq]
         waiting += [(a, c), (c, b)]
 
 
-def recedes(course: Wave, end: arb, limit: fmpq, first: Sequence[fmpq], side: int) -> bool:
-    """Whether, by Taylor's formula, a course that may be at its limit at 0 does not pass it until `end`."""
+def recedes(course: Wave, span: arb, limit: fmpq, first: Sequence[fmpq], side: int, back: bool = False) -> bool:
+    """Whether, by Taylor's formula, a course that may be at its limit at one end of a span does not pass it in there.
+
+    `first` is its value and derivatives at the end where the span begins, or, looking `back`, at the other one.
+    """
     if not first or first[0] > limit:
         return False
-    derivatives = [side * x for x in course(arb(0).union(end))]
+    turned = -1 if back else 1  # d/d(-t)
+    first = [x * turned**k for k, x in enumerate(first)]
+    derivatives = [side * turned**k * x for k, x in enumerate(course(span))]
     return any(derivatives[k] <= 0 and all(x <= 0 for x in first[1:k]) for k in range(1, min(len(first) + 1, len(derivatives))))
 
 
@@ -223,6 +237,17 @@ def beginning(task: Any, name: str) -> list[fmpq]:
     (plant,), start = task.plants, task.initial_state or ()
     numerator = plant.outputs[name][::-1]
     return [sum((c * x for c, x in zip(numerator, start[k:], strict=False)), fmpq(0)) for k in range(len(start) - len(numerator) + 1)]
+
+
+def resting(task: Any, name: str) -> list[fmpq]:
+    """What an output deviates by where it comes to rest, and its derivatives that are 0 there, the input having no part in them;
+    none where a tail goes on moving it."""
+    (plant,) = task.plants
+    if task.rest != "state":
+        return []
+    numerator = plant.outputs[name]
+    final = task.displacement * numerator[-1] / plant.numerator[-1]
+    return [final, *[fmpq(0)] * (len(plant.denominator) - 1 - len(numerator))]
 
 
 def sensible(task: Any) -> None:
