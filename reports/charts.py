@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from types import MappingProxyType
 from typing import Any
 
 import matplotlib as mpl
@@ -304,10 +305,12 @@ def shaping(
     *,
     band: tuple[float, float],
     limit: Limit,
+    ranges: Mapping[str, tuple[str, ArrayLike, ArrayLike]] = MappingProxyType({}),
 ) -> str:
     """A shaper in two panels: residual vibration [%] against relative frequency, and the shaped unit step with what each mode makes of it.
 
-    `factors` (n,) and a curve (n,) a mode; `times` (m,) [s], the shaped step `command` (m,) and a response (m,) a mode.
+    `factors` (n,) and a curve (n,) a mode; `times` (m,) [s], the shaped step `command` (m,) and a response (m,) a mode. `ranges`, by the
+    curve's name: what it is a range of, and the least and the largest residual (n,) over it.
     """
     with mpl.rc_context(_rc(name)):
         figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
@@ -316,6 +319,10 @@ def shaping(
         for number, (label, curve) in enumerate(curves.items()):
             x, y = _arrays(factors=factors, curve=curve)
             above.plot(x, y, color=colours[number % 3], linestyle=styles[number % 4], label=label)
+            if label in ranges:
+                told, least, most = ranges[label]
+                x, low, high = _arrays(factors=factors, least=least, most=most)
+                above.fill_between(x, low, high, color=colours[number % 3], alpha=0.25, linewidth=0, label=told)
         above.axhline(limit.value, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
         above.axvspan(*band, color=_FAINT, alpha=0.5, linewidth=0, zorder=0, label=f"band, {band[0]:g} to {band[1]:g}")
         above.set_xlabel("frequency / modelled frequency")
@@ -330,7 +337,10 @@ def shaping(
         below.set_ylabel("step response")
         for axes in (above, below):
             axes.margins(x=0.01)
-            axes.legend(loc="best")
+        above.legend(
+            loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2
+        )  # beside the curves: they may be anywhere, and so may the tolerance
+        below.legend(loc="best")
         return _svg(figure, name)
 
 

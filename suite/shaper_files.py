@@ -15,6 +15,7 @@ from suite.shaping import Shaping
 
 REPRAP = ".g"
 CURVE, STEPS = 601, 801  # samples of the two charts
+DAMPINGS = 41  # dampings of a range at which the residual is looked at
 
 
 def picture(done: Shaping) -> str:
@@ -38,6 +39,12 @@ def chart(done: Shaping) -> str:
     labels = [f"{mode.frequency / (2 * math.pi):.4g} Hz, damping {mode.damping:.3g}" for mode in modes]
     level = max(band.tolerance for band in bands)
     passed = np.maximum(np.subtract.outer(instants, times), 0.0) if order else np.greater_equal.outer(instants, times)
+    ranges = {}
+    if done.damping is not None and done.damping[0] < done.damping[1]:
+        for label, mode in zip(labels, modes, strict=True):
+            over = [residual(times, amplitudes, factors * mode.frequency, float(z), order) for z in np.linspace(*done.damping, DAMPINGS)]
+            what = f"{mode.frequency / (2 * math.pi):.4g} Hz, damping {done.damping[0]:.3g} to {done.damping[1]:.3g}"
+            ranges[label] = (what, 100.0 * np.min(over, axis=0), 100.0 * np.max(over, axis=0))
     return charts.shaping(
         f"Shaper {done.kind}",
         factors,
@@ -48,6 +55,7 @@ def chart(done: Shaping) -> str:
         {label: step_response(times, amplitudes, mode.frequency, mode.damping, instants, order)
          for label, mode in zip(labels, modes, strict=True)},
         band=(low, high),
+        ranges=ranges,
         limit=charts.Limit(100.0 * level, f"tolerance, {100.0 * level:g} %"),
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
 from relaxations.errors import ImpossibleShaperError, ShaperError
 from relaxations.shaping.kinds import find
-from relaxations.shaping.moves import Move, in_turn, left_over, rigid, with_zeros, within_bands
+from relaxations.shaping.moves import Move, gaps, in_turn, left_over, rigid, with_zeros, within_bands
 from relaxations.shaping.requests import Request
 from relaxations.shaping.shapers import Shaper
 from suite.bound_records import bound_record
@@ -20,7 +20,8 @@ class Moved:
     """What became of a move: `bound` and `command` of each design, and between which values the envelope of the vibration left lies.
 
     `shaped` is None where negative impulses take the rigid body's command beyond the limits; `kept` is the fraction of the move by which it
-    swings at most over the band, where that is what `together` proves.
+    swings at most over the band, where that is what `together` proves. `between`: factors of a mode's frequency that lie between its bands;
+    there the tolerance is kept as well, so that the time is that of bands without such gaps.
     """
 
     move: Move
@@ -29,6 +30,7 @@ class Moved:
     together: Bound
     left: dict[str, tuple[float, float] | None]
     kept: float | None = None
+    between: tuple[tuple[float, float], ...] = ()
 
     @property
     def command(self) -> Command | None:
@@ -45,7 +47,12 @@ class Moved:
             "shaped": None
             if self.shaped is None
             else {"maneuver_time": self.shaped.maneuver_time, "command": self.shaped.to_dict(), "left": self.left["shaped"]},
-            "together": {**bound_record(self.together, self.together.command, 0.0), "left": self.left["together"], "kept": self.kept},
+            "together": {
+                **bound_record(self.together, self.together.command, 0.0),
+                "left": self.left["together"],
+                "kept": self.kept,
+                "between": [list(gap) for gap in self.between],
+            },
         }
 
 
@@ -70,4 +77,5 @@ def moved(kind: str, request: Request, shaper: Shaper, move: Move, damping: tupl
     shaped = in_turn(move, alone.command, shaper)
     commands = {"rigid": alone.command, "shaped": shaped, "together": together.command}
     left = {name: None if command is None else left_over(move, command, bands, damping) for name, command in commands.items()}
-    return Moved(move, alone, shaped, together, left, kept if together.status is Status.PROVED else None)
+    between = gaps(bands) if kind == "si" else ()
+    return Moved(move, alone, shaped, together, left, kept if together.status is Status.PROVED else None, between)

@@ -66,6 +66,9 @@ def move_lines(done: Moved) -> Iterator[str]:
         yield f"  then shaped: {done.shaped.maneuver_time!r} s{_left(done.left['shaped'])}"
     kept = "" if done.kept is None else f"; swings by at most {done.kept:g} of the move over the band: proved"
     yield f"  designed together: {_sides(done.together)}{kept}{_left(done.left['together'])}"
+    if done.between:
+        gaps = " and ".join(f"{low:g} to {high:g}" for low, high in done.between)
+        yield f"  note: the bands are kept as one: the bracket is that of a move that keeps the tolerance from {gaps} of the frequency, too"
 
 
 def _sides(bound: Bound) -> str:

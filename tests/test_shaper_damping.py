@@ -19,8 +19,12 @@ from relaxations.shaping.kinds import make
 from relaxations.shaping.least_durations import least_with_derivatives
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.requests import Request
+from relaxations.shaping.sampled import sampled
 from relaxations.shaping.sensitivity import residual
 from relaxations.shaping.shapers import Shaper
+from relaxations.shaping.vanishing import left
+from suite.shaper_files import picture
+from suite.shaping import assess
 
 
 def worst(shaper: Shaper, damping: float, low: float, high: float) -> float:
@@ -164,3 +168,31 @@ def test_specified_insensitivity_of_a_tolerance_that_programs_do_not_tell_from_n
     assert made.least.duration < made.shaper.duration
     assert worst(made.shaper, 0.6, 0.8, 1.2) <= 1e-9
     assert any("larger tolerance" in note for note in made.notes)
+
+
+@pytest.mark.parametrize(("damping", "known"), [(0.9, 2.48), (0.97, 4.38)])
+def test_modes_of_very_different_decay_on_samples(damping: float, known: float):
+    """Nine equations, nine impulses; the mode that has all but decayed is left nothing of its own terms either."""
+    modes = Mode(2 * math.pi, damping), Mode(2.7 * 2 * math.pi, 0.5)
+    shaper = sampled([(mode, 1) for mode in modes], 0.02).shaper
+    assert shaper.duration == pytest.approx(known, abs=0.03)  # a sample and a half: what is that close may not be told
+    assert len(shaper.times) <= 9
+    assert min(shaper.amplitudes) > 0.0
+    assert all(left(shaper, mode, 1) < 1e-9 for mode in modes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("damping", "most"), [(0.9, 2.48), (0.97, 4.40)])
+def test_modes_of_very_different_decay_at_once(damping: float, most: float):
+    modes = Mode(2 * math.pi, damping), Mode(2.7 * 2 * math.pi, 0.5)
+    made = make("zvd", Request(modes, simultaneous=True))
+    assert len(made.shaper.times) <= 9
+    assert made.least is not None
+    assert made.least.duration <= made.shaper.duration <= most
+    assert all(left(made.shaper, mode, 1) < 1e-9 for mode in modes)
+
+
+def test_the_picture_shows_the_range_of_damping():
+    mode = Mode(2 * math.pi, 0.05)
+    assert "1 Hz, damping 0 to 0.2" in picture(assess("zv", Request((mode,)), (0.0, 0.2)))
+    assert "damping 0 to" not in picture(assess("zv", Request((mode,))))

@@ -19,7 +19,7 @@ from relaxations.response import response
 from relaxations.shaping.bands import Band
 from relaxations.shaping.impulses import derivative_shaper, negative_zv
 from relaxations.shaping.modes import Mode
-from relaxations.shaping.moves import Move, in_turn, left_over, rigid, with_zeros, within_bands
+from relaxations.shaping.moves import Move, gaps, hulls, in_turn, left_over, rigid, with_zeros, within_bands
 from suite.cli import main
 
 MODE = Mode(2 * math.pi, 0.05)
@@ -114,6 +114,22 @@ def test_bands_of_several_modes_are_one_box():
             assert np.abs(rest - 0.03).max() <= 0.05 * 0.03 * (1 + 1e-4)
 
 
+def test_bands_of_one_mode_are_kept_as_one():
+    low, middle, high = (Band(MODE, *ends, 0.05) for ends in ((0.95, 1.02), (1.0, 1.03), (1.05, 1.1)))
+    other = Band(MODE.scaled(3.0), 0.9, 1.1, 0.05)
+    assert hulls([high, other, low]) == (Band(MODE, 0.95, 1.1, 0.05), other)
+    assert gaps([high, other, low]) == ((1.02, 1.05),)
+    assert gaps([low, middle, other]) == ()
+    move = Move(0.1, -2.0, 2.0)
+    both, whole = within_bands(move, [low, high]), within_bands(move, [Band(MODE, 0.95, 1.1, 0.05)])
+    assert (both.status, both.lower, both.upper) == (whole.status, whole.lower, whole.upper)
+    assert both.status is Status.PROVED
+    assert both.command is not None
+    for band in (low, high):
+        for factor in np.linspace(band.low, band.high, 5):
+            assert swing(move, both.command, MODE.scaled(float(factor)))[1] <= 0.05 * (1 + 1e-6)
+
+
 def test_negative_impulses_may_go_beyond_the_limits():
     alone, slow = (rigid(Move(0.1, -limit, limit)).command for limit in (2.0, 1.0))
     assert alone is not None
@@ -170,7 +186,7 @@ def test_the_command_line_designs_a_move_and_writes_its_command_and_proof(tmp_pa
         (["zvd", "--move", "0.1", "--input", "x"], 2, "LOW:HIGH"),
         (["zv", "--move", "0.1", "--input", "0:2"], 1, "no such move"),
         (["none", "--move", "0.1", "--input", "-1:2"], 2, "by no demands"),
-        (["si", "--band", "0.8:1.1", "--band", "0.9:1.3@0.1", "--move", "0.1", "--input", "-1:2"], 2, "one band for each mode"),
+        (["si", "--band", "0.8:1.1", "--band", "0.9:1.3@0.1", "--move", "0.1", "--input", "-1:2"], 2, "one tolerance"),
         (["zv", "--command", "move.json"], 2, "move.json"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,

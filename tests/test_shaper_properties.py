@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 
 from relaxations.checking.worst import Worst, worst_residual
-from relaxations.shaping.humps import extra_insensitive
+from relaxations.shaping.humps import extra_insensitive, unity_magnitude
 from relaxations.shaping.impulses import derivative_shaper
 from relaxations.shaping.insensitive import specified
 from relaxations.shaping.kinds import make
 from relaxations.shaping.modes import Mode
+from relaxations.shaping.ranges import humped_ranges
 from relaxations.shaping.requests import Request
 from relaxations.shaping.sensitivity import residual
 from relaxations.shaping.shapers import Shaper, convolve
+from suite.shaping import assess
 
 KINDS = {
     "zv": {},
@@ -132,6 +134,19 @@ def test_the_tolerance_is_proven_over_the_whole_band_where_published_fits_exceed
 
     assert worst(found.shaper).upper <= tolerance * (1 + 1e-9)
     assert worst(published(humps, mode, tolerance)).lower > tolerance * (1 + 1e-3)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.05, 0.1, 0.3])
+@pytest.mark.parametrize("kind", ["ei", pytest.param("2-hump-ei", marks=pytest.mark.slow), pytest.param("um-ei", marks=pytest.mark.slow)])
+def test_humps_keep_the_tolerance_to_the_last_digit_over_their_own_range(kind: str, damping: float):
+    """By its own definition, V ≤ tolerance, not but for the width of an enclosure; and they use all of it."""
+    mode, tolerance, humps = Mode(2 * math.pi, damping), 0.05, 2 if kind == "2-hump-ei" else 1
+    (band,) = humped_ranges((mode,), tolerance, humps, unity_magnitude if kind == "um-ei" else extra_insensitive)
+    found = assess(kind, Request((mode,), tolerance=tolerance, bands=((band.low, band.high, tolerance),)))
+    lower, upper = found.worst
+    assert tolerance * (1 - 1e-12) < lower <= upper <= tolerance
+    wider = assess(kind, Request((mode,), tolerance=tolerance, bands=((band.low - 2e-6, band.high, tolerance),)))
+    assert wider.worst[0] > tolerance, "its range ends there"
 
 
 @pytest.mark.parametrize("damping", [pytest.param(0.0, marks=pytest.mark.slow), 0.1, pytest.param(0.4, marks=pytest.mark.slow)])

@@ -32,8 +32,7 @@ def kept(kind: str, damping: float, tolerance: float) -> None:
     assert found.least is None or 0.0 < found.least.duration <= found.shaper.duration
     if found.least is None:
         assert found.notes, "why nothing was proven"
-    # The enclosure is 1e-10 wide, relative; si is designed farther below its tolerance than that, humps are not.
-    assert found.worst[1] <= tolerance * (1.0 if kind == "si" else 1.0 + 2e-10)
+    assert found.worst[1] <= tolerance
     assert float(residual(found.shaper.times, found.shaper.amplitudes, FREQUENCY, damping)[0]) <= tolerance
 
 

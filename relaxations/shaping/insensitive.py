@@ -27,7 +27,9 @@ from relaxations.shaping.bands import Band, exceeded, peaks, sampled_demands, to
 from relaxations.shaping.impulses import derivative_shaper
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.polishing import FAINT, Demand, Extremal, apart, polished, rows, vanishing
+from relaxations.shaping.sampled import few
 from relaxations.shaping.shapers import Shaper
+from relaxations.shaping.vanishing import VANISHED, left
 
 Reals = NDArray[np.float64]
 
@@ -44,6 +46,7 @@ PLAIN = 20.0  # times the largest tolerance is what a program counts in, where t
 LONGER = 1e-6  # relative: by how much a grid's shaper is longer at first, and then twice as much
 FEW = (1e-3, 1e-5, 0.0)  # weights on a grid that make an impulse, tried in turn
 NEARLY_NONE = 1e-12  # amplitude of an impulse that does not matter
+FINER = 400.0  # times finer than the slowest mode's own shaper are samples on which the last resort is looked for
 ROUGH = 1e-5  # relative accuracy of a duration from which Newton's method goes on
 
 
@@ -85,8 +88,31 @@ def specified(bands: Sequence[Band], zeros: Sequence[tuple[Mode, int]] = ()) -> 
         exact = search.exact()
         if exact is not None or not search.exchange():
             break
-    shaper = _shaper(exact.times, exact.amplitudes) if exact else search.coarse()
+    shaper = _shaper(exact.times, exact.amplitudes) if exact else search.coarse() if bands else None
+    if shaper is None or not (bands or _vanishes(shaper, zeros)):
+        shaper = _few(search, zeros, slowest / FINER)
     return Shortest(shaper, search.proven(exact))
+
+
+def _vanishes(shaper: Shaper, zeros: Sequence[tuple[Mode, int]]) -> bool:
+    return all(left(shaper, mode, count) <= VANISHED for mode, count in zeros)
+
+
+def _few(search: _Search, zeros: Sequence[tuple[Mode, int]], step: float) -> Shaper:
+    """Where Newton's method fails: the grid's shaper, or, where that leaves something or spreads, one on multiples of `step` [s].
+
+    That one has no more impulses than equations, which are solved to rounding in units that modes of very different decay share.
+    """
+    try:
+        spread = search.coarse()
+    except SolverError:
+        return few(zeros, step)[0]
+    if len(spread.times) <= 2 * len(search.demands) + 1 and _vanishes(spread, zeros):
+        return spread
+    try:
+        return few(zeros, step)[0]
+    except SolverError:
+        return spread
 
 
 def _vanishing(zeros: Sequence[tuple[Mode, int]], unit: float) -> list[Demand]:
@@ -97,8 +123,7 @@ def _serves_all(zeros: Sequence[tuple[Mode, int]]) -> tuple[Mode, int] | None:
     """The mode whose own shaper leaves nothing of the others either (ω and 3ω undamped): no search would find them independent."""
     for mode, count in zeros:
         shaper = derivative_shaper(mode, count)
-        demands = _vanishing(zeros, shaper.duration)
-        if np.abs(rows(demands, np.array(shaper.times), shaper.duration) @ shaper.amplitudes).max() <= NOTHING:
+        if _vanishes(shaper, zeros):
             return mode, count
     return None
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from relaxations.bounds import Bound
@@ -92,26 +92,47 @@ def with_zeros(move: Move, modes: Sequence[Mode], derivatives: int) -> Bound:
 def within_bands(move: Move, bands: Sequence[Band]) -> Bound:
     """The fastest move after which the machine swings by at most the tolerance, a fraction of the move, over the box of all bands; proven.
 
-    One band a mode, all of one tolerance: that is about the output, to which every mode adds. Raises `ShaperError` for others, and for a
-    band without the mode itself.
+    All are of one tolerance: that is about the output, to which every mode adds. Several bands of one mode are kept as one, from the lowest
+    frequency to the highest (`hulls`). Raises `ShaperError` for other tolerances, and for bands that leave out the mode itself.
     """
+    whole = hulls(bands)
     wrong = [
         f"the band {band.low:g} to {band.high:g} leaves out the mode itself, which the move is designed about"
-        for band in bands
+        for band in whole
         if not band.low <= 1.0 <= band.high
     ]
-    if len({band.mode for band in bands}) < len(bands):
-        wrong.append("a move is designed over one band for each mode, in one box; a wider band covers two of one mode")
     if len(tolerances := sorted({band.tolerance for band in bands})) > 1:
         wrong.append(f"a move has one tolerance, that of its output, not {' and '.join(f'{one:g}' for one in tolerances)}")
     if wrong:
         raise ShaperError("; ".join(wrong))
     axes = [
         Axis(f"mode[{number}].frequency", Fraction(1), exact(repr(band.low)), exact(repr(band.high)))
-        for number, band in enumerate(bands, 1)
+        for number, band in enumerate(whole, 1)
     ]
-    box = Box(tuple(axes), _family([band.mode for band in bands], move.order), exact(repr(bands[0].tolerance)))
-    return _solved(move, [band.mode for band in bands], 0, box)
+    box = Box(tuple(axes), _family([band.mode for band in whole], move.order), exact(repr(bands[0].tolerance)))
+    return _solved(move, [band.mode for band in whole], 0, box)
+
+
+def hulls(bands: Sequence[Band]) -> tuple[Band, ...]:
+    """Of each mode one band, from the lowest frequency of its bands to the highest."""
+    found: dict[Mode, Band] = {}
+    for band in bands:
+        known = found.get(band.mode, band)
+        found[band.mode] = replace(known, low=min(known.low, band.low), high=max(known.high, band.high))
+    return tuple(found.values())
+
+
+def gaps(bands: Sequence[Band]) -> tuple[tuple[float, float], ...]:
+    """Factors of the frequency between bands of one mode, which belong to none of them."""
+    found = []
+    for mode in dict.fromkeys(band.mode for band in bands):
+        own = sorted((band.low, band.high) for band in bands if band.mode == mode)
+        reach = own[0][1]
+        for low, high in own[1:]:
+            if low > reach:
+                found.append((reach, low))
+            reach = max(reach, high)
+    return tuple(found)
 
 
 def _solved(move: Move, modes: Sequence[Mode], derivatives: int, box: Box | None) -> Bound:

@@ -48,6 +48,15 @@ def sampled(zeros: Sequence[tuple[Mode, int]], sample_time: float) -> Sampled:
     if not zeros:
         raise ShaperError("a shaper needs at least one mode")
     require_fine([mode for mode, _ in zeros], sample_time)
+    shaper, low = few(zeros, sample_time)
+    return Sampled(shaper, low + 1 if _refuted(zeros, sample_time, low) else 0)
+
+
+def few(zeros: Sequence[tuple[Mode, int]], sample_time: float) -> tuple[Shaper, int]:
+    """That shaper, with as many impulses as there are equations, and the most samples on which none was found.
+
+    Raises as `sampled`, but for modes and times that are none.
+    """
     slowest = max(mode.half_period * (count + 1) for mode, count in zeros)
     high = math.ceil(slowest / sample_time)
     if high > MOST_SAMPLES:
@@ -72,8 +81,7 @@ def sampled(zeros: Sequence[tuple[Mode, int]], sample_time: float) -> Sampled:
             high, found = middle, better
     kept = np.flatnonzero(found)
     kept = kept - kept[0]
-    shaper = Shaper(tuple(float(k * sample_time) for k in kept), tuple(float(a) for a in found[found > 0.0]))
-    return Sampled(shaper, high if _refuted(zeros, sample_time, low) else 0)
+    return Shaper(tuple(float(k * sample_time) for k in kept), tuple(float(a) for a in found[found > 0.0])), low
 
 
 def require_fine(modes: Sequence[Mode], sample_time: float) -> None:
@@ -109,9 +117,12 @@ def _weights(zeros: Sequence[tuple[Mode, int]], sample_time: float, samples: int
         for power in range(count + 1):
             row = (since / instants[-1]) ** power * np.exp((mode.frequency * mode.direction - decay) * instants)
             rows += [row.real, row.imag]
-    # Amplitudes in units that grow as the modes decay: all equations and unknowns are then of order one, at any damping.
-    units = np.exp(-decay * instants)
-    table = np.array([*rows, units])
+    # Amplitudes in units of what they do to the mode that tells most of them: all columns are of order one, however different the
+    # modes decay. A positive point of the hull of these directions is one of the columns' own.
+    sizes = np.abs(rows).max(axis=0)
+    if not sizes.min() > 0.0:
+        return None
+    table = np.vstack([rows / sizes, np.ones(samples + 1)])
     aim = np.zeros(len(table))
     aim[-1] = 1.0
     try:
@@ -126,5 +137,5 @@ def _weights(zeros: Sequence[tuple[Mode, int]], sample_time: float, samples: int
     if exactly.min() <= 0.0 or np.abs(table[:, kept] @ exactly - aim).max() > NOTHING:
         return None
     found = np.zeros(samples + 1)
-    found[kept] = exactly * units[kept]
-    return found
+    found[kept] = exactly * np.exp(-decay * instants[kept]) / sizes[kept]
+    return found / found.sum()
