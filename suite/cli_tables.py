@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 import click
+from click.core import ParameterSource
 
 from suite.command import AS_JSON, FAILED, SANDBOX, guarded, print_json
 
@@ -94,10 +96,14 @@ def tradeoff(study: Path, tolerances: str | None, widths: str | None, plot: Path
 @click.option("--out", type=click.Path(path_type=Path),
               help="Folder for every picture, a page, and the record; default: NAME-fuel, unless --json or --plot is given.")  # fmt: skip
 @click.option("--certificates", type=click.Path(path_type=Path), help="Write every point's proof into this folder.")
+@click.option("--time", "seconds", type=float, metavar="SECONDS",
+              help="No sweep: the least fuel of the study's move in at most that time; with --json and --certificates alone.")  # fmt: skip
 @SANDBOX
 @AS_JSON
 @guarded
+@click.pass_context
 def fuel(
+    context: click.Context,
     study: Path,
     least: str | None,
     most: str | None,
@@ -110,13 +116,16 @@ def fuel(
     plot: Path | None,
     out: Path | None,
     certificates: Path | None,
+    seconds: float | None,
     as_json: bool,
 ) -> None:
     """Bracket the minimum time of STUDY for many budgets of fuel, for several kinds of commands, and name the prudent budgets.
 
     A point becomes a study by limits.fuel and command.robustness. Exit code 0: every point is proved or bracketed; 1: a budget is too
-    little, whatever the time; 2: bad input.
+    little, whatever the time, or --time too short, whatever the fuel; 2: bad input.
     """
+    if seconds is not None:
+        _at_time(context, study, seconds, certificates, as_json)
     from suite import console, console_tables, fuel_pictures, fuel_plans, fuel_records, fuel_sweeps
     from suite.loading import load_study
 
@@ -138,3 +147,23 @@ def fuel(
     else:
         console_tables.show_fuel(done, files)
     sys.exit(FAILED if done.impossible else 0)
+
+
+SWEEPING = ("least", "most", "count", "names", "shown", "level", "higher", "held", "plot", "out")  # options of a sweep of budgets
+
+
+def _at_time(context: click.Context, study: Path, seconds: float, certificates: Path | None, as_json: bool) -> NoReturn:
+    """`slewcert fuel --time`."""
+    from suite import console_tables, fuel_times
+    from suite.loading import load_study
+
+    given = {name for name in SWEEPING if context.get_parameter_source(name) is not ParameterSource.DEFAULT}
+    extra = sorted(option.opts[0] for option in context.command.params if option.name in given)
+    if extra:
+        raise click.UsageError(f"--time asks for one move, {', '.join(extra)} for a sweep of budgets: give one of them")
+    done = fuel_times.least_fuel_of(load_study(study), seconds, certificates)
+    if as_json:
+        print_json(done.to_dict())
+    else:
+        console_tables.show_fuel_at_time(done)
+    sys.exit(FAILED if done.found is None else 0)

@@ -8,8 +8,9 @@ from pathlib import Path
 from rich.table import Table
 
 from suite import fuel_text, tradeoff_text
-from suite.console import escape, out
+from suite.console import command_table, escape, out
 from suite.fuel_records import FuelSweep
+from suite.fuel_times import FuelAtTime
 from suite.table_text import table_cells
 from suite.tables import Table as DisplacementTable
 from suite.tradeoffs import Tradeoff
@@ -63,3 +64,12 @@ def show_fuel(done: FuelSweep, files: Sequence[Path]) -> None:
     console.print(f"{len(done.curves[0].points)} budgets, {len(points)} minimum times, {proven} proven, {done.seconds:.1f} s")
     for file in files:
         console.print(f"written: {escape(str(file))}", soft_wrap=True)
+
+
+def show_fuel_at_time(done: FuelAtTime) -> None:
+    """The bracket of the least fuel and its command."""
+    console = out()
+    for line in done.lines():
+        console.print(escape(line), soft_wrap=True)
+    if done.found is not None and done.found.command is not None:
+        console.print(command_table(done.found.command, done.study.plant.input_unit))
