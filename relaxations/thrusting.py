@@ -25,6 +25,7 @@ from relaxations.varying import arcs_proven
 
 TRIED = 12  # commands, the shortest ones, whose proof is tried
 MARGINS = (1e-14, 1e-13, 1e-12)
+DEGENERATE = "those with fewer instants than equations (such as two pulses whole periods of an undamped mode apart) are not looked for"
 
 
 def pulsed_time(problem: Problem, task: dict[str, Any], minimum: Callable[[Problem], Bound]) -> Bound:
@@ -46,7 +47,7 @@ def pulsed_time(problem: Problem, task: dict[str, Any], minimum: Callable[[Probl
         for found in pulsed_commands(_sampled(problem, first), first.lower, first.command)[:TRIED]:
             if (proven := thrust(problem, task, found)) is not None:
                 return sampled(concluded(task, replace(proven, lower=proof.lower), first, 0.0), problem)
-    why = "no command with such pulses was found" if first.upper is not None else first.reason
+    why = f"no command with such pulses was found; {DEGENERATE}" if first.upper is not None else first.reason
     return concluded(task, proof, replace(first, upper=None, command=None, switches=None, reason=why), 0.0)
 
 

@@ -147,6 +147,14 @@ def delayed(planned: Sequence[Event], on: float, off: float) -> tuple[tuple[Even
     return tuple(replace(event, instant=instant) for event, instant in zip(planned, late, strict=True)), tuple(notes)
 
 
+def pulses_left(happening: Sequence[Event]) -> int:
+    """How many pulses of thrusters open: those that do not fall on one instant with their end."""
+    spans: dict[tuple[int, int], list[float]] = {}
+    for event in happening:
+        spans.setdefault((event.thruster, event.pulse), []).append(event.instant)
+    return sum(max(instants) > min(instants) for instants in spans.values())
+
+
 def room(happening: Sequence[Event]) -> float:
     """The shortest time [s] between two events of one thruster (or of the one actuator) that do not fall together; infinite without two."""
     gaps = [

@@ -44,6 +44,16 @@ def _instants(text: str) -> tuple[float, ...]:
     return instants
 
 
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        raise ValueError("must be seconds, such as 0.05") from None
+    if not 0.0 < seconds <= 1e6:
+        raise ValueError("must be more than 0 s and at most 1000000 s")
+    return seconds
+
+
 def _zeros(text: str) -> tuple[int, ...]:
     if text == "none":
         return ()
@@ -60,7 +70,7 @@ def _zeros(text: str) -> tuple[int, ...]:
 @click.option("--gains", callback=_parsed(_pair), metavar="LOW:HIGH", help="Bounds of its steps for the study's displacement.")
 @click.option("--monotone", is_flag=True, help="The input never turns back.")
 @click.option("--instants", callback=_parsed(_instants), metavar="SECONDS,…", help="The delays themselves.")
-@click.option("--sample-time", type=click.FloatRange(0.0, 1e6, min_open=True), help="Seconds: the delays are multiples of it.")
+@click.option("--sample-time", callback=_parsed(_seconds), metavar="SECONDS", help="Seconds: the delays are multiples of it.")
 @click.option("--zeros", callback=_parsed(_zeros), metavar="NUMBERS|none", help="Which zeros are cancelled; default: all that can be.")
 @click.option("--unbounded", is_flag=True, help="Do not hold the input within the study's limits.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw the input with its tail, and the output, to this file (.svg).")

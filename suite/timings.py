@@ -204,9 +204,15 @@ def study_timing(study: Study, asked: Asked) -> Timing:
     command, rest = made.command, float(study.plant.initial_input)
     try:
         planned = timing.events(command, rest, together=asked.together)
+        _require_sense(command, asked)
         happening, notes = timing.delayed(planned, asked.on, asked.off)
     except CommandError as refused:
         raise StudyError(str(study.file), [Mistake("command", ABSENT, str(refused))]) from None
+    if not asked.together and all(event.opens is not None for event in happening) and not timing.pulses_left(happening):
+        raise TimingError(
+            f"--on-delay {asked.on:g} --off-delay {asked.off:g}: no pulse opens at all, since each is shorter than these delays differ: "
+            "the plant stays at rest, and there is no timing to look at"
+        )
     motions = timing.motions(made.plant, float(study.maneuver.displacement))
     if growing := [motion.name for motion in motions if motion.flexible and len(motion.coefficients) > 1]:
         why = f"{growing[0]} is a repeated pole: what it leaves may grow after the move, and timing is about simple flexible modes"
@@ -231,6 +237,14 @@ def study_timing(study: Study, asked: Asked) -> Timing:
         if one.worst is not None and 0.0 < one.worst.attained < one.worst.bound / (1 + 2 * TIGHT)
     ]
     return Timing(study, asked, command, planned, happening, tuple(found), (*notes, *more))
+
+
+def _require_sense(command: Command, asked: Asked) -> None:
+    """Delays last no longer than the command."""
+    longest = command.maneuver_time
+    for option, delay in (("--on-delay", asked.on), ("--off-delay", asked.off)):
+        if delay > longest:
+            raise TimingError(f"{option} {delay:g}: a delay lasts no longer than the command, which takes {longest:.6g} s")
 
 
 def _require_room(happening: Sequence[Event], asked: Asked) -> None:

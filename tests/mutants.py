@@ -26,7 +26,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 ARGUED = ROOT / "docs" / "checker-mutations.md"
-HELPERS = ("corruption", "forgery", "independent", "independent_limits", "problems", "random_maneuvers", "varying_plants")
+HELPERS = ("corruption", "forgery", "independent", "independent_limits", "problems", "proving", "random_maneuvers", "varying_plants")
 CHECKER = Path("relaxations", "checking")
 LENGTHY = ("many segments", "many contacts", "many segments and poles", "too many segments", "many names", "many oscillations")
 SOLVING = ("test_checking_corruption_boxes.py",)

@@ -151,6 +151,7 @@ def test_slow_and_fast_plants_have_the_same_filters(speed: float) -> None:
     ("plant", "request_", "error", "words"),
     [
         (LinearPlant.from_transfer([1, 1], [1, 0, -2]), Request(), PlantError, "unstable poles"),
+        (LinearPlant.from_transfer([1], [1, -2, 5]), Request(), PlantError, "unstable poles 1 ± 2j;"),
         (LinearPlant.from_transfer([-1, 1], [1, 0, 2]), Request(zeros=(1.0,)), PlantError, "right of the imaginary axis"),
         (LinearPlant.from_transfer([1, 0], [1, 0, 2]), Request(), PlantError, "zero at the origin"),
         (ONE_ZERO, Request(zeros=(-3.0,)), PlantError, "no zero at"),

@@ -88,6 +88,7 @@ def test_every_form_has_a_filter(study: Path) -> None:
         (("--delays", 1, "--form", "last+step", "--gains", "2"), 2, "LOW:HIGH"),
         (("--instants", "2,1"), 2, "ascend"),
         (("--instants", "1", "--sample-time", "0.1"), 2, "one of them"),
+        (("--sample-time", "nan"), 2, "more than 0 s"),
         (("--instants", "1", "--delays", 2), 2, "contradicts"),
         (("--delays", 1, "--zeros", "zero[1]"), 2, "numbers of the plant's zeros"),
         (("--delays", 1, "--zeros", "4"), 2, "1 distinct zeros"),

@@ -79,6 +79,7 @@ def test_too_few_pulses_leave_the_upper_side_open() -> None:
     assert found.upper is None
     assert found.reason is not None
     assert "no command with such pulses was found" in found.reason
+    assert "fewer instants than equations" in found.reason
     assert found.certificate is not None
     assert check(found.certificate).outcome is Outcome.PROVED, "the lower side by itself"
 

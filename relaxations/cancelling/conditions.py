@@ -27,6 +27,11 @@ Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 
+def _told(pole: complex) -> str:
+    """A real pole, or a pair."""
+    return f"{pole.real:.6g} ± {abs(pole.imag):.6g}j" if pole.imag else f"{pole.real:.6g}"
+
+
 @dataclass(frozen=True, slots=True)
 class Part:
     """What one unknown of a filter multiplies: a step at delay number `delay` (power None), or `s^power/N_-(s)` there."""
@@ -58,7 +63,7 @@ class Conditions:
         """
         seen = plant if zeros is not None and not len(zeros) else visible(plant)
         if seen.is_unstable:
-            growing = ", ".join(f"{pole.value:.6g}" for pole in seen.poles if pole.value.real >= 0 and not pole.is_rigid)
+            growing = ", ".join(_told(pole.value) for pole in seen.poles if pole.value.real >= 0 and not pole.is_rigid)
             raise PlantError(f"a filter in front of a plant does not stabilise it: unstable poles {growing}; close a loop around it first")
         seen.rest_input(fraction(seen.denominator.leading_coefficient()))  # a zero at the origin is refused
         extra = extra_zeros(seen, robustness)
