@@ -17,7 +17,7 @@ from suite.command import AS_JSON, FAILED, SANDBOX, guarded, print_json
 @click.option("--displacements", required=True, metavar="LO:HI:N", help="N equally spaced displacements, both ends included.")
 @click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),
               help="Write it for a controller: .h (C), .st (IEC 61131-3 Structured Text), .csv.")  # fmt: skip
-@click.option("--certificates", type=click.Path(path_type=Path), help="Write every row's proof into this folder.")
+@click.option("--certificates", type=click.Path(path_type=Path, file_okay=False), help="Write every row's proof into this folder.")
 @SANDBOX
 @AS_JSON
 @guarded
@@ -48,7 +48,7 @@ def table(study: Path, displacements: str, exports: tuple[Path, ...], certificat
               help="N residuals allowed, fractions of the move, of equal ratio; default: round numbers around the study's.")  # fmt: skip
 @click.option("--widths", metavar="LO:HI:N", help="N equally spaced widths, times the study's ranges; default: 0:1.5:7.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw both to this file (SVG).")
-@click.option("--certificates", type=click.Path(path_type=Path), help="Write every point's proof into this folder.")
+@click.option("--certificates", type=click.Path(path_type=Path, file_okay=False), help="Write every point's proof into this folder.")
 @SANDBOX
 @AS_JSON
 @guarded
@@ -93,9 +93,9 @@ def tradeoff(study: Path, tolerances: str | None, widths: str | None, plot: Path
 @click.option("--held/--no-held", default=None,
               help="Commands held to pulses one way, then the other, and α_crit too; default: with one mode at most.")  # fmt: skip
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw the overview to this file (SVG).")
-@click.option("--out", type=click.Path(path_type=Path),
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False),
               help="Folder for every picture, a page, and the record; default: NAME-fuel, unless --json or --plot is given.")  # fmt: skip
-@click.option("--certificates", type=click.Path(path_type=Path), help="Write every point's proof into this folder.")
+@click.option("--certificates", type=click.Path(path_type=Path, file_okay=False), help="Write every point's proof into this folder.")
 @click.option("--time", "seconds", type=float, metavar="SECONDS",
               help="No sweep: the least fuel of the study's move in at most that time; with --json and --certificates alone.")  # fmt: skip
 @SANDBOX

@@ -12,6 +12,8 @@ from typing import Any, Literal, ParamSpec, TypeVar
 
 import click
 
+from suite.outputs import refuse_overwriting
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -64,10 +66,11 @@ def user_errors() -> Iterator[None]:
 
 
 def guarded(function: Callable[P, R]) -> Callable[P, R]:
-    """A command whose user's mistakes are told in words."""
+    """A command whose user's mistakes are told in words, and that overwrites nothing it reads."""
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        refuse_overwriting(click.get_current_context())
         with user_errors():
             return function(*args, **kwargs)
 
