@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from relaxations.commands import Command
+from relaxations.errors import SolverError
 from relaxations.limits import Limits
 from relaxations.maneuvers import Problem
 from relaxations.watching import Watch
@@ -272,16 +273,19 @@ def _minimized(problem: Problem, watch: Watch, values: Reals, on: NDArray[np.boo
 
         constraints.append({"type": "ineq", "fun": lambda x: rooms(x)[0] - ROOM, "jac": lambda x: rooms(x)[1] * first})
     bounds = [(width / first if pulse else 0.0, None) for pulse in on]
-    with np.errstate(all="ignore"):
-        result = minimize(
-            lambda x: float(x.sum()),
-            begin / first,
-            jac=lambda x: np.ones(len(x)),
-            bounds=bounds,
-            constraints=constraints,
-            method="SLSQP",
-            options={"maxiter": 80, "ftol": 1e-11},
-        )
+    try:
+        with np.errstate(all="ignore"):
+            result = minimize(
+                lambda x: float(x.sum()),
+                begin / first,
+                jac=lambda x: np.ones(len(x)),
+                bounds=bounds,
+                constraints=constraints,
+                method="SLSQP",
+                options={"maxiter": 80, "ftol": 1e-11},
+            )
+    except SolverError:  # it strayed to times to which a plant that varies is not followed
+        return None
     x = np.asarray(result.x, dtype=np.float64)
     if not np.all(np.isfinite(x)) or not x.sum() > 0.0 or np.abs(missed(x)).max(initial=0.0) > LANDED**0.5:
         return None
