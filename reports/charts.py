@@ -131,8 +131,7 @@ def command_and_response(
         if tolerance is not None:
             for level in (-100.0 * tolerance, 100.0 * tolerance):
                 below.axhline(level, color=_LIMIT, linewidth=1.0, linestyle=(0, (4, 3)))
-        below.set_ylabel("from target [% of move]")
-        below.set_xlabel("time [s]")
+        below.set(xlabel="time [s]", ylabel="from target [% of move]")
         below.set_title("After the move", loc="left")
         above.set_title("During the move (dotted: its end)", loc="left")
         above.margins(x=0.01)
@@ -211,9 +210,7 @@ def sensitivity(
         for limit in limits:
             low, high = band or axes.get_xlim()
             axes.hlines(limit.value, low, high, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
-        axes.set_xlabel(factor_label)
-        axes.set_ylabel(quantity_label)
-        axes.set_ylim(bottom=0.0)
+        axes.set(xlabel=factor_label, ylabel=quantity_label, ylim=(0.0, None))
         axes.margins(x=0.01)
         axes.legend(loc="best")
         return _svg(figure, name)
@@ -247,8 +244,7 @@ def responses(
         below.set_ylim(-10.0, 10.0)
         above.set_ylabel(command_label)
         middle.set_ylabel(output_label)
-        below.set_ylabel("from target [% of move]")
-        below.set_xlabel("time [s]")
+        below.set(xlabel="time [s]", ylabel="from target [% of move]")
         middle.legend(loc="best")
         for axes in (above, middle, below):
             axes.margins(x=0.01)
@@ -264,10 +260,8 @@ def sweeps(name: str, curves: Mapping[str, tuple[ArrayLike, ArrayLike]], *, para
         for number, (label, (values, results)) in enumerate(curves.items()):
             x, y = _arrays(values=values, results=results)
             axes.plot(x, np.maximum(y, 1e-12), marker="os^D"[number % 4], markersize=4.0, label=label, **_look(number))
-        axes.set_yscale("log")
+        axes.set(yscale="log", xlabel=parameter_label, ylabel=quantity_label)
         axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")  # powers would be mathematics, which is off
-        axes.set_xlabel(parameter_label)
-        axes.set_ylabel(quantity_label)
         axes.legend(loc="best")
         return _svg(figure, name)
 
@@ -325,16 +319,13 @@ def shaping(
                 above.fill_between(x, low, high, color=colours[number % 3], alpha=0.25, linewidth=0, label=told)
         above.axhline(limit.value, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
         above.axvspan(*band, color=_FAINT, alpha=0.5, linewidth=0, zorder=0, label=f"band, {band[0]:g} to {band[1]:g}")
-        above.set_xlabel("frequency / modelled frequency")
-        above.set_ylabel("residual vibration [%]")
-        above.set_ylim(bottom=0.0)
+        above.set(xlabel="frequency / modelled frequency", ylabel="residual vibration [%]", ylim=(0.0, None))
         t, u = _arrays(times=times, command=command)
         below.step(t, u, where="post", color=_LIMIT, linewidth=1.0, label="shaped step")
         for number, (label, response) in enumerate(responses.items()):
             y = _arrays(times=times, response=response)[1]
             below.plot(t, y, color=colours[number % 3], linestyle=styles[number % 4], label=label)
-        below.set_xlabel("time [s]")
-        below.set_ylabel("step response")
+        below.set(xlabel="time [s]", ylabel="step response")
         for axes in (above, below):
             axes.margins(x=0.01)
         above.legend(
