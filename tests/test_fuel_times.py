@@ -39,7 +39,7 @@ def test_the_least_fuel_at_a_minimum_time_is_its_budget(tmp_path: Path) -> None:
     assert lower <= 4.0 + 2e-10  # ten digits of the time are given
     assert upper >= 4.0 - 2e-10
     assert upper - lower <= 2e-8
-    assert record["fuel"] <= upper
+    assert record["fuel"] <= upper * (1 + 1e-12)  # summed in doubles, switch by switch; the certificate has it exactly
     assert all(check(Path(file).read_bytes()).outcome is Outcome.PROVED for file in record["certificates"])
     assert len(record["certificates"]) == 2
     assert record["command"] is not None
