@@ -161,7 +161,7 @@ def test_a_file_is_replaced_only_if_asked(files: Path, tmp_path: Path) -> None:
         (["lame.json"], ["amplitudes sum to 1, not to 0.9"]),
         (["zv.json", "--out", "x.fmu"], ["choose with --fmi 2 or --fmi 3, or name a folder"]),
         (["zv.json", "--out", "x.ssp"], ["an .fmu is written here (for an .ssp name the plant with --ssp)"]),
-        (["zv.json", "--out", "zv.json"], ["is a file, but neither called .fmu nor a folder"]),
+        (["zv.json", "--out", "zv.json"], ["would overwrite a file that the command reads"]),
         (["zv.json", "--ssp", "two_mass", "--out", "x.fmu"], ["an .ssp is written here (--ssp was given)"]),
         (["zv.json", "--name", "2 fast"], ["'2 fast' is no model identifier"]),
         (["zv.json", "--output", "reference"], ["'reference' is no name for a signal"]),
