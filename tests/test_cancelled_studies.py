@@ -86,6 +86,7 @@ def test_delays_on_samples(tmp_path: Path) -> None:
     assert given.command.tail.terms[0].coefficient == pytest.approx(done.command.tail.terms[0].coefficient, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_without_a_tail_hidden_modes_come_to_rest_too(tmp_path: Path) -> None:
     """(s + 1)(s + 3)/((s² + 2)(s + 3)): the bracket of state rest is about the mode at -3 as well, and so is the filter."""
     file = study(tmp_path, "hidden", "delays = 2", "tail = false", "gains = [-2.0, 3.0]")

@@ -196,6 +196,7 @@ def test_text_names_choices_and_says_how_a_point_becomes_a_study(tmp_path: Path)
     assert "3 budgets, 3 minimum times, 3 proven" in result.stdout
 
 
+@pytest.mark.slow
 def test_the_form_is_held_where_the_fastest_command_is_not_of_it(tmp_path: Path) -> None:
     # the paper has the form until some 5.4 N·s, and no discernible difference in time
     file = study_file(tmp_path)

@@ -63,6 +63,7 @@ def on_grid(modes: tuple[Mode, ...], negative: float, duration: float, cells: in
     return found.status == 0
 
 
+@pytest.mark.slow
 def test_unity_magnitude_humps_of_several_modes():
     modes = (Mode(HERTZ, 0.05), Mode(1.3 * HERTZ, 0.02))
     found = make("um-ei", Request(modes, simultaneous=True))

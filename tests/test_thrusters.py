@@ -84,6 +84,7 @@ def test_too_few_pulses_leave_the_upper_side_open() -> None:
     assert check(found.certificate).outcome is Outcome.PROVED, "the lower side by itself"
 
 
+@pytest.mark.slow
 def test_from_an_initial_state() -> None:
     found, command = proven(posed(PENDULUM, "1.0", displacement=Fraction(0), initial=(Fraction(3), Fraction(0))))
     assert min(pulses(command)) >= 1.0

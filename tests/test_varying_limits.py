@@ -116,7 +116,7 @@ SAMPLED = {
 }
 
 
-@pytest.mark.parametrize("which", [slow(which) if which in ("held", "outputs", "steps") else which for which in SAMPLED])
+@pytest.mark.parametrize("which", [slow(which) if which in ("all", "held", "outputs", "steps") else which for which in SAMPLED])
 def test_samples_are_counted_as_another_program_counts_them(which: str) -> None:
     plant, maneuver = SAMPLED[which]
     found, _, _ = proven(varying_problem(plant, replace(maneuver, sample_time=STEP)))
@@ -151,6 +151,7 @@ def test_continuous_commands_are_as_fast_as_finely_sampled_ones(plant: VaryingPl
 # More of a limit is never slower, and one that does not matter changes nothing.
 
 
+@pytest.mark.slow
 def test_limits_that_do_not_matter_change_nothing() -> None:
     free, command, _ = proven(posed(HOISTING, 2))
     slack = Limits.of(-1, 1, 20, {"swing": "0.5", "speed": 3})
