@@ -49,7 +49,7 @@ def test_proven_bounds_are_rounded_outward(seen: dict, comparison: Path) -> None
 
 def test_plots_have_a_size_and_pictures_were_taken(seen: dict) -> None:
     assert len(seen["plots"]) == 4
-    # Responses on one another; residual over the length of the cable; every plant of the command that fails, of which all logs are kept, twice.
+    # Responses on one another; residual over the length; every plant of the command that fails, twice: all its logs are kept.
     assert all(width > 200 and height > 100 for width, height in seen["plots"])
     assert [picture.stat().st_size > 40_000 for picture in seen["pictures"]] == [True] * 4
 
