@@ -107,16 +107,16 @@ def _enough_pulses(study: Study, plant: LinearPlant) -> None:
 
 def _told_of_form(bound: Bound) -> str:
     """What family the bracket is about, and what holding the form costs."""
-    about = "the bracket is about commands whose pulses go towards the target first, and then against it (type 1), and no others"
+    about = "The bracket is about commands whose pulses go towards the target first, and then against it (type 1), and no others"
     assert bound.free is not None
     lower, upper = bound.free
     if bound.upper is None or upper is None or not upper > 0.0:
-        return f"{about[0].upper()}{about[1:]}."
+        return f"{about}."
     least, most = max(bound.lower - upper, 0.0), max(bound.upper - lower, 0.0)
     if most <= 1e-9 * upper:
-        return f"{about[0].upper()}{about[1:]}; the fastest of all commands is one of them, so the form costs nothing."
+        return f"{about}; the fastest of all commands is one of them, so the form costs nothing."
     span = f"{least:.6g} to {most:.6g} s ({least / upper:.2%} to {most / upper:.2%})"
-    return f"{about[0].upper()}{about[1:]}; the fastest of all takes {lower:.9g} to {upper:.9g} s, so the form costs {span}."
+    return f"{about}; the fastest of all takes {lower:.9g} to {upper:.9g} s, so the form costs {span}."
 
 
 def _held(study: Study, plant: LinearPlant) -> int:
@@ -213,7 +213,7 @@ def on_grid(study: Study, made: Design) -> Design:
         if samples.denominator != 1:
             why = f"is no multiple of the FMU's communication step, {step!r} s, and it takes steps of that size only"
             raise StudyError(str(study.file), [Mistake("limits.sample_time", asked, why)])
-    given = study.command.kind in ("file", "shaper", "pole-zero")
+    given = study.command.kind in KEYS
     try:
         if study.command.start:
             require_multiples([float(study.command.start)], step)
