@@ -7,6 +7,7 @@ import importlib.metadata
 import platform
 import tokenize
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -83,8 +84,9 @@ def sizes() -> dict[str, int]:
     return found
 
 
+@cache
 def trusted() -> str:
-    """What a reader has to trust: lines of code in all, and those that only tasks of one kind need."""
+    """What a reader has to trust: lines of code in all, and those that only tasks of one kind need; counted once, for it takes a while."""
     lines = sizes()
     special = ", ".join(f"{count} for {module}" for module, count in lines.items() if module not in EVERY_TASK)
     return f"{sum(lines.values())} lines of code" + (f" ({special})" if special else "")

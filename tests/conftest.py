@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,18 @@ def verified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("verified") / "evidence"
     verify(load_study(SHIPPED / "two_mass.toml"), folder, jobs=2)
     return folder
+
+
+@pytest.fixture
+def enough_work() -> Iterator[None]:
+    """The checker's precision and as much work as its parts want, when they are called by themselves."""
+    import flint
+
+    from relaxations.checking import balls
+
+    with flint.ctx.workprec(128):
+        balls.work["left"] = 1e9
+        yield
 
 
 GROUPS = ("slow", "foreign", "benchmark")

@@ -218,3 +218,11 @@ def system(of: dict[str, Any], bits: int = 128) -> balls.System:
 def known(name: str) -> Known:
     """A problem of the collection."""
     return BY_NAME[name]
+
+
+def scaled(data: Any, path: tuple[Any, ...], factor: str) -> None:
+    """One number of an opened certificate, multiplied."""
+    node = data
+    for step in path[:-1]:
+        node = node[step]
+    node[path[-1]] = written(number(node[path[-1]]) * Fraction(factor))

@@ -13,6 +13,17 @@ SHIPPED = Path(suite.__path__[0]) / "studies"
 
 OBSERVED = 12.0  # s after the move: two of the slowest periods within the boxes here, so that a run takes milliseconds
 
+SPRING_STUDY = """
+[plant]
+numerator = [1.0]
+denominator = [1.0, 0.0, 2.0, 0.0, 0.0]
+[maneuver]
+displacement = 5.0
+[limits]
+input = [-1.0, 1.0]
+"""
+"""The two masses as a transfer function, without a parameter that could vary; lines that follow are further limits."""
+
 
 def small_study(folder: Path, *more: str, fmu: str = "two_mass", samples: int = 3, limit: float = 0.5, name: str = "study.toml") -> Path:
     """A study file with `samples` stiffnesses; `more` are further lines at its end."""

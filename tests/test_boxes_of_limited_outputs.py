@@ -13,7 +13,7 @@ import pytest
 from box_tasks import MASS, SPRING, TWIN, axis, forged, robust
 from corruption import at, leaves, nudge
 from forgery import forged as certificate_of
-from forgery import number, opened, written
+from forgery import number, opened, scaled
 from independent_boxes import Boxed
 
 from fmus.twins import twin_family
@@ -171,13 +171,6 @@ def test_what_makes_no_sense_is_refused() -> None:
 
 def outcome(change: Any) -> Outcome:
     return forged(slow().certificate or b"", change)
-
-
-def scaled(data: Any, path: tuple[Any, ...], factor: str) -> None:
-    node = data
-    for step in path[:-1]:
-        node = node[step]
-    node[path[-1]] = written(number(node[path[-1]]) * Fraction(factor))
 
 
 def pressed(data: Any) -> Any:

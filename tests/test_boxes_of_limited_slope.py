@@ -11,7 +11,7 @@ import numpy as np
 import proving
 import pytest
 from box_tasks import ONE, SPRING, TOW, TWIN, K, axis, forged, robust, transfer
-from forgery import number, opened, written
+from forgery import opened, scaled
 from independent_boxes import Boxed
 
 from fmus.twins import twin_family
@@ -134,13 +134,6 @@ def test_random_boxes_against_another_program(family: Family, seed: int) -> None
 
 def outcome(change: Any, displacement: str = "0.5") -> Outcome:
     return forged(bound(SPRING, TENTH, ("-3", "3"), displacement).certificate or b"", change)
-
-
-def scaled(data: Any, path: tuple[Any, ...], factor: str) -> None:
-    node = data
-    for step in path[:-1]:
-        node = node[step]
-    node[path[-1]] = written(number(node[path[-1]]) * Fraction(factor))
 
 
 LIES: dict[str, Any] = {

@@ -281,7 +281,8 @@ def test_resume_begins_where_nothing_was_begun(tmp_path: Path, made: Counting) -
 
 
 def start(file: Path, folder: Path, *options: str) -> subprocess.Popen[str]:
-    code = "import sys; from suite.cli import main; main(sys.argv[1:])"
+    # what began the tests may ignore Ctrl-C, as shells let their background jobs do, and its children would, too
+    code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); from suite.cli import main; main(sys.argv[1:])"
     command = [sys.executable, "-c", code, "verify", str(file), "--out", str(folder), "--jobs", "2", *options]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 

@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from filtered_plants import settled
+from marks import slow
 
 from relaxations.cancelling.conditions import Conditions
 from relaxations.cancelling.monotone import _proven, _tails, _weights, least_monotone
@@ -38,12 +39,12 @@ def test_grids_of_delays_converge_to_the_proven_bound() -> None:
     ("plant", "form", "delays", "robustness", "within"),
     [
         (ONE_ZERO, "last+step", 1, 0, 1e-7),
-        pytest.param(ONE_ZERO, "last+step", 2, 1, 2e-5, marks=pytest.mark.slow),
+        slow(ONE_ZERO, "last+step", 2, 1, 2e-5),
         (LinearPlant.from_transfer([1, 3, 2], [1, 0, 2]), "last", 1, 0, 1e-7),
-        pytest.param(LinearPlant.from_transfer([1, 2, 3], [1, 0, 2]), "last+step", 1, 0, 1e-7, marks=pytest.mark.slow),
-        pytest.param(LinearPlant.from_transfer([1, 2, 1], [1, "0.2", 2]), "last", 1, 0, 1e-6, marks=pytest.mark.slow),
-        pytest.param(LinearPlant.from_transfer([1, 1], [1, "0.1", "5.01", "0.2", 4]), "last", 2, 0, 2e-5, marks=pytest.mark.slow),
-        pytest.param(LinearPlant.from_transfer([1], [1, "0.2", 2]), "last", 1, 0, 1e-7, marks=pytest.mark.slow),
+        slow(LinearPlant.from_transfer([1, 2, 3], [1, 0, 2]), "last+step", 1, 0, 1e-7),
+        slow(LinearPlant.from_transfer([1, 2, 1], [1, "0.2", 2]), "last", 1, 0, 1e-6),
+        slow(LinearPlant.from_transfer([1, 1], [1, "0.1", "5.01", "0.2", 4]), "last", 2, 0, 2e-5),
+        slow(LinearPlant.from_transfer([1], [1, "0.2", 2]), "last", 1, 0, 1e-7),
     ],
 )
 def test_no_monotone_filter_is_much_shorter(plant: LinearPlant, form: str, delays: int, robustness: int, within: float) -> None:
@@ -88,7 +89,7 @@ def random_plant(random: np.random.Generator, modes: int, zeros: int) -> LinearP
     return LinearPlant.from_transfer([text(c) for c in numerator.c], [text(c) for c in denominator.c])
 
 
-@pytest.mark.parametrize("seed", [0, 3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 40))])
+@pytest.mark.parametrize("seed", [0, 3, *(slow(seed) for seed in range(4, 40))])
 def test_random_plants_rest_after_the_last_delay_and_no_sooner_than_is_proven(seed: int) -> None:
     random = np.random.default_rng(seed)
     modes = int(random.integers(1, 3))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -131,6 +132,6 @@ def test_files_are_read_back() -> None:
         (lambda: Prefilter.from_dict({"format": "slewcert-shaper/1"}), "slewcert-prefilter/1"),
     ],
 )
-def test_mistakes_are_told(wrong: object, words: str) -> None:
+def test_mistakes_are_told(wrong: Callable[[], object], words: str) -> None:
     with pytest.raises((PlantError, ShaperError), match=words):
-        wrong()  # type: ignore[operator]
+        wrong()

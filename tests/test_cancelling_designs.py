@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from filtered_plants import settled
+from marks import slow
 from numpy.typing import NDArray
 
 from relaxations.cancelling.prefilters import Prefilter
@@ -88,7 +89,7 @@ PLANTS = {
 SLOW = {"pole on the middle one of three", "free numerator", "rigid body and mode"}  # some seconds of minimisation each
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in PLANTS])
+@pytest.mark.parametrize("name", [slow(name) if name in SLOW else name for name in PLANTS])
 def test_the_output_is_at_rest_after_the_last_delay(name: str) -> None:
     plant, request = PLANTS[name]
     done = cancelling(plant, request)

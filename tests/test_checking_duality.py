@@ -7,7 +7,6 @@ from fractions import Fraction
 from types import SimpleNamespace
 from typing import Any
 
-import flint
 import pytest
 from flint import acb, acb_poly, arb, arb_mat, fmpq
 from forgery import LIMITED, RECORDED, certificate, changed, costate, number, opened, proven_limited, system, task, written
@@ -16,12 +15,7 @@ from relaxations.checking import balls, courses, lower
 from relaxations.checking.balls import Root
 from relaxations.checking.claims import Outcome, check
 
-
-@pytest.fixture(autouse=True)
-def _enough_work() -> Any:
-    with flint.ctx.workprec(128):
-        balls.work["left"] = 1e9
-        yield
+pytestmark = pytest.mark.usefixtures("enough_work")
 
 
 QUICK = ("exact", "started", "held_slope", "held_steps", "pulsed")

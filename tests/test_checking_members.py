@@ -8,23 +8,18 @@ from fractions import Fraction
 from types import SimpleNamespace
 from typing import Any
 
-import flint
 import pytest
 from flint import arb, fmpq
 from forgery import certificate, command, costate, task
 
-from relaxations.checking import balls, members
+from relaxations.checking import members
 from relaxations.checking.claims import Outcome, check, claim
 from relaxations.checking.reading import Refuted, Undecided, read
 
 Terms = list[tuple[Fraction, tuple[int, ...]]]
 
 
-@pytest.fixture(autouse=True)
-def _enough_work() -> Any:
-    with flint.ctx.workprec(128):
-        balls.work["left"] = 1e9
-        yield
+pytestmark = pytest.mark.usefixtures("enough_work")
 
 
 def exact(x: Any) -> fmpq:

@@ -5,21 +5,15 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-import flint
 import pytest
 from flint import acb, arb, fmpq
 from forgery import certificate, command, costate, system, task
 
-from relaxations.checking import balls, courses, lower
+from relaxations.checking import courses, lower
 from relaxations.checking.claims import Outcome, check
 from relaxations.checking.reading import read
 
-
-@pytest.fixture(autouse=True)
-def _enough_work() -> Any:
-    with flint.ctx.workprec(128):
-        balls.work["left"] = 1e9
-        yield
+pytestmark = pytest.mark.usefixtures("enough_work")
 
 
 @pytest.mark.parametrize("first", ["0", "3", "-5/4"])

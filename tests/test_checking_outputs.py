@@ -6,14 +6,13 @@ from fractions import Fraction
 from types import SimpleNamespace
 from typing import Any
 
-import flint
 import numpy as np
 import pytest
 from flint import acb, arb, fmpq
 from forgery import system, task
 from scipy.linalg import companion, expm
 
-from relaxations.checking import balls, courses, ramps, upper
+from relaxations.checking import courses, ramps, upper
 from relaxations.checking.balls import Root, Wave
 from relaxations.checking.reading import Refuted, Undecided
 
@@ -24,11 +23,7 @@ DEFLECTION = {"speed": "50", "sway": "50"}
 TIMES = (0.0, 0.3, 1.0, 2.5)
 
 
-@pytest.fixture(autouse=True)
-def _enough_work() -> Any:
-    with flint.ctx.workprec(128):
-        balls.work["left"] = 1e9
-        yield
+pytestmark = pytest.mark.usefixtures("enough_work")
 
 
 def exactly(x: Any) -> fmpq:

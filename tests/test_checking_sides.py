@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import flint
 import pytest
 from flint import arb, fmpq
 from forgery import certificate, command, costate, system, task
@@ -14,12 +13,7 @@ from relaxations.checking import balls, changes, lower
 from relaxations.checking.claims import Check, Outcome, check
 from relaxations.checking.reading import PAIR, Malformed, Refuted, Undecided, shaped
 
-
-@pytest.fixture(autouse=True)
-def _enough_work() -> Any:
-    with flint.ctx.workprec(128):
-        balls.work["left"] = 1e9
-        yield
+pytestmark = pytest.mark.usefixtures("enough_work")
 
 
 def found(of: dict[str, Any], *chains: Any, **others: Any) -> Check:

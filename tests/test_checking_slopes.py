@@ -8,7 +8,6 @@ from fractions import Fraction
 from types import SimpleNamespace
 from typing import Any
 
-import flint
 import numpy as np
 import pytest
 from flint import acb, arb, fmpq
@@ -30,11 +29,7 @@ COMMANDS = {
 }
 
 
-@pytest.fixture(autouse=True)
-def _enough_work() -> Any:
-    with flint.ctx.workprec(128):
-        balls.work["left"] = 1e9
-        yield
+pytestmark = pytest.mark.usefixtures("enough_work")
 
 
 def fractions(numbers: list[Any]) -> list[upper.Number]:

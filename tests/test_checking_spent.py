@@ -19,11 +19,7 @@ from relaxations.checking.reading import Undecided
 NEAR = "1/1" + "0" * 100  # told from 0 with 512 bits, not with 128
 
 
-@pytest.fixture(autouse=True)
-def _enough_work() -> Any:
-    with flint.ctx.workprec(128):
-        balls.work["left"] = 1e9
-        yield
+pytestmark = pytest.mark.usefixtures("enough_work")
 
 
 def started(denominator: list[str], start: list[str], displacement: str = "0", **others: Any) -> dict[str, Any]:
@@ -250,14 +246,14 @@ def test_a_costate_is_nowhere_larger_than_the_price(denominator: list[str], seed
         """With a budget that makes the costate's gain a hair more or less than its price."""
         fuel = Fraction(share * abs(float(gain)) / limit)
         limits = SimpleNamespace(fuel=fmpq(fuel.numerator, fuel.denominator))
-        other = SimpleNamespace(
+        other: Any = SimpleNamespace(
             task=SimpleNamespace(limits=limits, plants=posed.task.plants),
             roots=posed.roots,
             target=posed.target * (1 if gain > 0 else -1),
             begin=(),
         )
         exact = Fraction(limit)
-        return spent.by_costate(other, column, arb(0), fmpq(exact.numerator, exact.denominator))  # type: ignore[arg-type]
+        return spent.by_costate(other, column, arb(0), fmpq(exact.numerator, exact.denominator))
 
     assert plain or abs(last - 0) > 0
     assert asks(bound * 1.001)

@@ -14,16 +14,11 @@ import pytest
 from flint import acb, arb, arb_mat, arb_poly, fmpq
 from scipy.integrate import solve_ivp
 
-from relaxations.checking import balls, transitions
+from relaxations.checking import transitions
 from relaxations.checking.reading import Undecided
 from relaxations.checking.transitions import Series, Step
 
-
-@pytest.fixture(autouse=True)
-def _enough_work() -> Any:
-    with flint.ctx.workprec(128):
-        balls.work["left"] = 1e9
-        yield
+pytestmark = pytest.mark.usefixtures("enough_work")
 
 
 def exact(x: Any) -> fmpq:
@@ -142,7 +137,10 @@ def test_kicks_change_the_rows_at_their_instants() -> None:
 def test_random_plants_against_runge_and_kutta(seed: int) -> None:
     rng = np.random.default_rng([91, seed])
     n, count = 2 + seed % 3, 2 + seed % 2
-    short = lambda *shape: np.round(rng.uniform(-2, 2, shape), 2)  # noqa: E731
+
+    def short(*shape: int) -> Any:
+        return np.round(rng.uniform(-2, 2, shape), 2)
+
     instants, matrices, columns = np.array([0, 0.75, 1.25, 2.5][:count]), short(count, n, n), short(count, n)
     schedule = plant(
         instants.tolist(),
@@ -199,7 +197,13 @@ def test_what_a_series_leaves_out_is_bounded_by_the_formula(monkeypatch: pytest.
     found = list(transitions.steps(schedule, arb_mat([[arb(x) for x in row] for row in start.tolist()]), arb(4)))
     assert found[0].begin == 0
     assert {fmpq(1, 2), fmpq(2)} <= {step.begin for step in found}
-    norm = lambda m: float(np.max(np.abs(m) @ w / w))  # noqa: E731
+
+    def norm(m: Any) -> float:
+        return float(np.max(np.abs(m) @ w / w))
+
+    def grown(A: Any, rise: Any, h: float) -> float:
+        return (norm(A) + norm(rise) * 4 * h) * h
+
     for step in found:
         at, length = float(step.begin.p) / float(step.begin.q), step_length(step)
         rows = np.array([[float(x.mid()) for x in row] for row in step.rows[0].tolist()])
@@ -221,9 +225,8 @@ def test_what_a_series_leaves_out_is_bounded_by_the_formula(monkeypatch: pytest.
         assert float(step.beyond.rad()) >= most
         assert step.beyond.mid() == 0
         # The longest power of 2 that the bound allows, or until the next instant.
-        fits = lambda h, A=A, rise=rise: (norm(A) + norm(rise) * 4 * h) * h <= 1.5  # noqa: E731
-        assert fits(length)
-        assert any(at + length == t for t in instants) or not fits(2 * length)
+        assert grown(A, rise, length) <= 1.5
+        assert any(at + length == t for t in instants) or grown(A, rise, 2 * length) > 1.5
 
 
 @pytest.mark.parametrize("rate", [Fraction(3, 2), Fraction(-3, 2)])
@@ -235,7 +238,10 @@ def test_what_a_series_leaves_out_is_in_all_that_is_made_of_it(rate: Fraction, g
     step = followed(schedule, [1], 1)[0]
     assert step.length == 1
     a = acb(exact(rate))
-    g = lambda t: (-a * t).exp() * (1 + growth * t)  # noqa: E731
+
+    def g(t: Any) -> Any:
+        return (-a * t).exp() * (1 + growth * t)
+
     one, p = arb(1), step.costate
     assert abs(p.polynomial(one) - g(acb(1)).real) > arb("1e-13")
     _, value, slope, values = p.over(one, one)

@@ -197,11 +197,11 @@ def test_random_corruption_of_a_schedule_never_proves_a_falsehood(seed: int) -> 
     rng = np.random.default_rng([7, seed])
     content = certified("hoisting_far")
     data = opened(content)
-    places: list[tuple[object, object]] = []
+    places: list[tuple[Any, Any]] = []
 
-    def walk(node: object) -> None:
+    def walk(node: Any) -> None:
         for key in list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ():
-            value = node[key]  # type: ignore[index]
+            value = node[key]
             if isinstance(value, str):
                 try:
                     number(value)
@@ -213,12 +213,13 @@ def test_random_corruption_of_a_schedule_never_proves_a_falsehood(seed: int) -> 
 
     walk({key: data[key] for key in ("task", "claim", "lower", "upper")})
     node, key = places[rng.integers(len(places))]
-    value = number(node[key])  # type: ignore[index]
-    node[key] = written(value * Fraction(str(round(rng.uniform(0.9, 1.1), 4))) + Fraction(int(rng.integers(-1, 2)), 1000))  # type: ignore[index]
+    value = number(node[key])
+    node[key] = written(value * Fraction(str(round(rng.uniform(0.9, 1.1), 4))) + Fraction(int(rng.integers(-1, 2)), 1000))
     found = check(forged(data))
     if found.outcome is not Outcome.PROVED:
         return
-    task = found.certificate.written["task"]  # type: ignore[union-attr]
+    assert found.certificate is not None
+    task = found.certificate.written["task"]
     schedule = task["schedule"]
     plant = VaryingPlant.of(schedule["instants"], schedule["A"], schedule["B"], schedule["C"], schedule["D"])
     target = np.array([float(x) for x in plant.rest(number(task["displacement"]))[0]])

@@ -13,15 +13,10 @@ import pytest
 from flint import arb, arb_mat, fmpq
 from scipy.integrate import quad, solve_ivp
 
-from relaxations.checking import balls, transitions, varying_courses
+from relaxations.checking import transitions, varying_courses
 from relaxations.checking.reading import Malformed, Refuted, Undecided
 
-
-@pytest.fixture(autouse=True)
-def _enough_work() -> Any:
-    with flint.ctx.workprec(128):
-        balls.work["left"] = 1e9
-        yield
+pytestmark = pytest.mark.usefixtures("enough_work")
 
 
 def exact(x: Any) -> fmpq:
@@ -48,7 +43,10 @@ INSTANTS = [0.0, 0.75, 1.25, 2.5]
 def random_task(seed: int, n: int = 3, scale: float = 1.5) -> tuple[Any, dict[str, Any]]:
     """Seeded matrices of two digits, and the same as arrays."""
     rng = np.random.default_rng([92, seed])
-    short = lambda *shape: np.round(rng.uniform(-scale, scale, shape), 2)  # noqa: E731
+
+    def short(*shape: int) -> Any:
+        return np.round(rng.uniform(-scale, scale, shape), 2)
+
     made = {"A": short(4, n, n), "B": short(4, n), "one": short(4, n), "two": short(4, n), "start": short(n), "state": short(n)}
     outputs = {"one": made["one"], "two": made["two"]}
     return posed(INSTANTS, made["A"], made["B"], outputs, {"one": "0.7", "two": "1.3"}, made["start"]), made
@@ -130,16 +128,20 @@ def test_what_multipliers_gain(seed: int) -> None:
     """`∫ ρ c x_ss dt - Σ limit ∫ |ρ| dt` by quadrature."""
     task, made = random_task(seed)
     state = rows(made["state"])
+
+    def rests(t: float, output: str) -> float:
+        return float(table(made[output], t) @ made["state"])
+
     for some in ([one] for one in PRESSES):
         expected = 0.0
         for one in some:
             weight, begin, end = (float(Fraction(str(x))) for x in (one.weight, one.begin, one.end))
             expected -= abs(weight) * {"one": 0.7, "two": 1.3}[one.output]
-            rests = lambda t, one=one: float(table(made[one.output], t) @ made["state"])  # noqa: E731
             if begin == end:
-                expected += weight * rests(begin)
+                expected += weight * rests(begin, one.output)
             else:
-                expected += weight / (end - begin) * quad(rests, begin, end, points=[t for t in INSTANTS if begin < t < end] or None)[0]
+                within = [t for t in INSTANTS if begin < t < end] or None
+                expected += weight / (end - begin) * quad(rests, begin, end, args=(one.output,), points=within)[0]
         assert float(varying_courses.gained(task, state, some)) == pytest.approx(expected, abs=1e-12)
     whole = varying_courses.gained(task, state, PRESSES)
     assert whole.overlaps(sum((varying_courses.gained(task, state, [one]) for one in PRESSES), arb(0)))

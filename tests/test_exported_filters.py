@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from exported import VERSIONS, drive, held, lines, set_boolean
 from fmpy.validation import validate_fmu
 from independent_shaping import shaped
+from marks import slow
 from raw_fmus import RawFmu
 from scipy.linalg import expm
 
@@ -43,7 +44,7 @@ def written(folder: Path, content: Prefilter, version: FmiVersion) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in FILTERS])
+@pytest.mark.parametrize("name", [slow(name) if name in SLOW else name for name in FILTERS])
 def test_filters_any_reference_at_any_steps(name: str, tmp_path: Path) -> None:
     version = VERSIONS[len(name) % 2]
     rng = np.random.default_rng(len(name))

@@ -7,26 +7,15 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from small_studies import SPRING_STUDY
 
 from relaxations.checking.claims import Outcome, check
 from suite.cli import main
 
-STUDY = """
-[plant]
-numerator = [1.0]
-denominator = [1.0, 0.0, 2.0, 0.0, 0.0]
-[maneuver]
-displacement = 5.0
-[limits]
-input = [-1.0, 1.0]
-fuel = 1.0
-{more}
-"""
-
 
 def run(folder: Path, *arguments: object, more: str = "") -> Result:
     file = folder / "study.toml"
-    file.write_text(STUDY.format(more=more))
+    file.write_text(f"{SPRING_STUDY}fuel = 1.0\n{more}\n")
     return CliRunner().invoke(main, ["fuel", str(file), *(str(argument) for argument in arguments)], catch_exceptions=False)
 
 

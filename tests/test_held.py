@@ -16,6 +16,7 @@ import pytest
 from flint import arb, fmpq
 from forgery import changed, number, written
 from independent import StateSpace
+from marks import slow
 from problems import transfer
 from scipy.optimize import linprog
 
@@ -63,7 +64,7 @@ NODE = 2 * sqrt(2) * 5 / pi / 2 + 2 * pi / sqrt(2)
 @pytest.mark.parametrize(
     ("displacement", "fuel", "robustness", "time", "gap"),
     [
-        pytest.param("5", None, 0, NODE, 2e-5, marks=pytest.mark.slow),
+        slow("5", None, 0, NODE, 2e-5),
         ("5", None, 1, 7.7210011331, 2e-9),
         ("5", "5.2", 1, 7.7222295009, 2e-6),
     ],

@@ -175,7 +175,7 @@ def test_mistakes_are_named(make, words: list[str]):
         ((0.8, 1.2, 0.05), (0.0, 0.1)),
         ((1.0, 1.0, 0.05), (0.0, 0.2)),
         ((0.9, 1.1, 0.02), (0.1, 0.6)),
-        pytest.param((0.7, 1.3, 0.05), (0.05, 0.3), marks=pytest.mark.slow),
+        slow((0.7, 1.3, 0.05), (0.05, 0.3)),
     ],
 )
 def test_a_range_of_dampings_is_designed_for(band: tuple[float, float, float], dampings: tuple[float, float]):

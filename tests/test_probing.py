@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_fmus import linear_fmu, made_fmu, steps_only
-from marks import first
+from marks import first, slow
 
 from fmus import probing
 from fmus.archives import Fmu, open_archive
@@ -100,9 +100,7 @@ LINEAR = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name in ("slow_and_fast", "through") else ()) for name in LINEAR]
-)
+@pytest.mark.parametrize("name", [slow(name) if name in ("slow_and_fast", "through") else name for name in LINEAR])
 def test_linear_plants_are_found_to_ten_digits(name: str, tmp_path: Path, worker: Worker) -> None:
     A, B, C, D, poles = LINEAR[name]
     fmu = open_archive(steps_only(linear_fmu(name, A, B, C, D), tmp_path / "plant.fmu"))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from marks import slow
 
 from relaxations.shaping.sensitivity import residual, step_response
 from relaxations.shaping.shapers import Shaper
@@ -232,12 +233,7 @@ def test_the_step_response_is_that_of_the_differential_equation():
             ["7 mistakes", "a.txt", "--mode -1Hz:0", "--band 3:1", "--tolerance 7.0", "--move 1: needs", "no shaper 'zvx'", "--decay"],
         ),
         (["zv", "--mode", "1Hz:0", "--mode", "1e6Hz:0", "--simultaneous"], 1, ["not found:", "5e+05 periods", "up to 100"]),
-        pytest.param(
-            ["dl-zv", "--mode", "1Hz:0", "--deflection", "1e-6"],
-            1,
-            ["on up to 600 samples", "a larger limit needs fewer"],
-            marks=pytest.mark.slow,
-        ),
+        slow(["dl-zv", "--mode", "1Hz:0", "--deflection", "1e-6"], 1, ["on up to 600 samples", "a larger limit needs fewer"]),
         (["ei", "--mode", "1Hz:0", "--tolerance", "1"], 2, ["--tolerance 1.0"]),
         (["ei", "--mode", "1Hz:0", "--negative", "0.3"], 2, ["--negative", "sna-zv"]),
         (["sna-zv", "--mode", "1Hz:0"], 2, ["--negative is missing; sna-zv needs it"]),
@@ -250,7 +246,7 @@ def test_the_step_response_is_that_of_the_differential_equation():
         (["ei", "--mode", "-1Hz:0", "--band", "x", "--tolerance", "7"], 2, ["3 mistakes"]),
         (["zv-d:2000", "--mode", "1Hz:0"], 2, ["2000 derivatives", "999"]),
         (["pulses-zv", "--mode", "1Hz:0", "--height", "0"], 2, ["--height 0.0: a positive number"]),
-        pytest.param(["pulses-zv", "--mode", "1Hz:0.05", "--height", "1e-9"], 2, ["1e+09 periods", "up to 10000"], marks=pytest.mark.slow),
+        slow(["pulses-zv", "--mode", "1Hz:0.05", "--height", "1e-9"], 2, ["1e+09 periods", "up to 10000"]),
         (["custom", "--mode", "1Hz:0", "--impulses", "0:0.5,0.5:0.4"], 2, ["error: --impulses: amplitudes sum to 1, not to 0.9"]),
         (["zv", "--mode", "1Hz:0", "--sample-time", "0.7"], 1, ["impossible", "0.5 s"]),
         (["sums-zv", "--mode", "1Hz:0", "--sums", "0.1:0.9"], 1, ["impossible", "at most 0 and at least 1"]),

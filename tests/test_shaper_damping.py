@@ -8,6 +8,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from marks import slow
 from scipy.optimize import brentq, minimize_scalar
 
 from relaxations.checking.worst import worst_residual
@@ -71,7 +72,7 @@ def test_where_one_hump_ends_and_that_it_is_continuous_there():
     assert curves[0] == pytest.approx(curves[1], abs=1e-4)
 
 
-@pytest.mark.parametrize("humps", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("humps", [1, 2, slow(3)])
 def test_humps_are_continuous_in_the_tolerance(humps: int):
     """Around every bend of the curve of solutions: a step of the tolerance moves nothing by more than a small multiple of it."""
     steps = np.linspace(0.02, 0.2, 7)

@@ -8,6 +8,7 @@ from functools import reduce
 
 import numpy as np
 import pytest
+from marks import slow
 
 from relaxations.checking.worst import Worst, worst_residual
 from relaxations.shaping.humps import extra_insensitive, unity_magnitude
@@ -137,7 +138,7 @@ def test_the_tolerance_is_proven_over_the_whole_band_where_published_fits_exceed
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.05, 0.1, 0.3])
-@pytest.mark.parametrize("kind", ["ei", pytest.param("2-hump-ei", marks=pytest.mark.slow), pytest.param("um-ei", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["ei", slow("2-hump-ei"), slow("um-ei")])
 def test_humps_keep_the_tolerance_to_the_last_digit_over_their_own_range(kind: str, damping: float):
     """By its own definition, V ≤ tolerance, not but for the width of an enclosure; and they use all of it."""
     mode, tolerance, humps = Mode(2 * math.pi, damping), 0.05, 2 if kind == "2-hump-ei" else 1
@@ -149,7 +150,7 @@ def test_humps_keep_the_tolerance_to_the_last_digit_over_their_own_range(kind: s
     assert wider.worst[0] > tolerance, "its range ends there"
 
 
-@pytest.mark.parametrize("damping", [pytest.param(0.0, marks=pytest.mark.slow), 0.1, pytest.param(0.4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("damping", [slow(0.0), 0.1, slow(0.4)])
 def test_convolution_equals_the_simultaneous_solution_for_one_mode_and_is_longer_for_two(damping: float):
     """n shapers in a row for one mode are the shortest with n - 1 derivatives; for two modes one solution is shorter."""
     mode, other = Mode(3.0, damping), Mode(7.1, 0.5 * damping)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from marks import slow
 from small_studies import SHIPPED, results
 
 from suite.loading import load_study
@@ -101,7 +102,7 @@ def test_both_versions_of_fmi_measure_the_same(name: str, tmp_path: Path) -> Non
             assert measured["value"] == pytest.approx(other["quantities"][quantity]["value"], rel=1e-9, abs=1e-12), quantity
 
 
-@pytest.mark.parametrize("version", [pytest.param("2.0", marks=pytest.mark.slow), "3.0"])
+@pytest.mark.parametrize("version", [slow("2.0"), "3.0"])
 def test_what_the_fmu_burns_is_the_budget(version: str, tmp_path: Path) -> None:
     """The budget of the linear program, the fuel of the command and the propellant that the FMU integrates: three ways, twelve digits."""
     found = outcome(SHIPPED / "spacecraft_fuel.toml", version, tmp_path / "out", nominal=True)

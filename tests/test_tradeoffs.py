@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
+from small_studies import SPRING_STUDY
 
 from relaxations.checking.claims import Outcome, check
 from reports.charts import Limit
@@ -38,15 +39,6 @@ tolerance = 0.1
 parameter = "{parameter}"
 range = [{range}]
 samples = 3
-"""
-NUMBERS = """
-[plant]
-numerator = [1.0]
-denominator = [1.0, 0.0, 2.0, 0.0, 0.0]
-[maneuver]
-displacement = 5.0
-[limits]
-input = [-1.0, 1.0]
 """
 
 
@@ -148,7 +140,7 @@ def test_the_picture_names_everything(found: tuple[dict[str, Any], Path]) -> Non
 def test_without_a_box_there_are_tolerances_only_and_they_are_the_box_of_width_zero(
     found: tuple[dict[str, Any], Path], tmp_path: Path
 ) -> None:
-    (tmp_path / "n.toml").write_text(NUMBERS)
+    (tmp_path / "n.toml").write_text(SPRING_STUDY)
     done = run(
         "tradeoff", tmp_path / "n.toml", "--tolerances", "0.1:0.2:2", "--json", "--certificates", tmp_path, "--plot", tmp_path / "n.svg"
     )

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from marks import slow
 from small_studies import small_study
 from test_archives import pack
 
@@ -62,7 +63,7 @@ def test_inspect_names_both(fmu: tuple[Path, str, str]) -> None:
     assert open_archive(path).binary_sha256("model-exchange") == exchanged
 
 
-@pytest.mark.parametrize("interface", [pytest.param("co-simulation", marks=pytest.mark.slow), "model-exchange"])
+@pytest.mark.parametrize("interface", [slow("co-simulation"), "model-exchange"])
 def test_a_study_records_the_one_that_it_ran(fmu: tuple[Path, str, str], interface: str, tmp_path: Path) -> None:
     path, stepped, exchanged = fmu
     used = stepped if interface == "co-simulation" else exchanged

@@ -29,6 +29,7 @@ from box_tasks import (
     transfer,
     upper_of,
 )
+from marks import slow
 
 from relaxations.bounds import Bound, Status
 from relaxations.checking.claims import Outcome, check, claim
@@ -106,7 +107,7 @@ def member(plant: LinearPlant, changes: dict[str, float]) -> LinearPlant:
     ("name", "ranges"),
     [
         ("lagged", (("mode[1].frequency", "0.85", "1.2"),)),
-        pytest.param("lagged", (("mode[1].damping", "0.01", "0.1"), ("mode[1].frequency", "0.95", "1.05")), marks=pytest.mark.slow),
+        slow("lagged", (("mode[1].damping", "0.01", "0.1"), ("mode[1].frequency", "0.95", "1.05"))),
     ],
 )
 def test_plants_by_numpy_keep_the_tolerance(name: str, ranges: Ranges):
@@ -175,8 +176,8 @@ UNPROVEN = {Outcome.REFUTED, Outcome.INCONCLUSIVE}
         (lambda d: None, {Outcome.PROVED}),
         (lambda d: d["claim"].update(lower=None), {Outcome.PROVED}),
         (parameter(0, high="1.15"), UNPROVEN),
-        pytest.param(parameter(0, low="0.85"), UNPROVEN, marks=pytest.mark.slow),
-        pytest.param(parameter(1, low="0.04"), UNPROVEN, marks=pytest.mark.slow),
+        slow(parameter(0, low="0.85"), UNPROVEN),
+        slow(parameter(1, low="0.04"), UNPROVEN),
         (parameter(1, low="0"), UNPROVEN),
         (parameter(1, low="-0.01"), {Outcome.MALFORMED}),
         (parameter(1, high="1"), {Outcome.MALFORMED}),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from marks import slow
 
 from relaxations.errors import SolverError
 from relaxations.shaping.impulses import derivative_shaper
@@ -31,9 +32,7 @@ def sums(shaper: Shaper, mode: Mode, power: int) -> float:
 @pytest.mark.parametrize(
     ("kind", "damping", "options", "derivatives", "known"),
     [
-        pytest.param(
-            "dl-zvd", 0.93, {"deflection": 0.5}, 1, 50 / 24, marks=pytest.mark.slow
-        ),  # half damped periods: the shortest without a limit takes 1.92 of them
+        slow("dl-zvd", 0.93, {"deflection": 0.5}, 1, 50 / 24),  # half damped periods: the shortest without a limit takes 1.92 of them
         ("dl-zv", 0.99, {"deflection": 0.4}, 0, 1.0),
         ("zvd", 0.99, {"sample_time": 0.07}, 1, 7.14 / 3.544406025),
         ("zvd", 0.95, {"sample_time": 0.07}, 1, 3.22 / 1.6012815),
