@@ -292,7 +292,7 @@ def sensible_pulses(maneuver: Maneuver) -> None:
     if limits.pulsed and (maneuver.tail or maneuver.sample_time is not None):
         raise ManeuverError(
             "limits of pulses belong to a state rest, at any instants: no tail, which decays (thrusters are on or off), and no sample "
-            "time, for three levels on samples are finitely many commands, and bring a mode to rest by coincidence only"
+            "time, for which of the finitely many commands of three levels on samples rest is an integer program, which is not there"
         )
 
 

@@ -22,6 +22,7 @@ HIGH, LOW, ALPHA = LINE, SECOND, 0.30  # of pulses, one side and the other
 PANEL = 4.4, 3.5  # inches
 MOST_STRIPS = 60  # budgets of one area: between them its edges are straight
 JUMP = 0.12  # of the move's duration: a switch that moves farther from one budget to the next has jumped
+NAMED, NUMBERED = 0.1, 0.035  # of the axis: room to the next node in which "n = 4" can be read, and the number alone
 ROOM = 1.22  # times the largest value: how high an axis is, so that the legend has a place
 
 
@@ -44,15 +45,16 @@ class Marks:
     nodes: Mapping[int, float]
     own: float | None = None
 
-    def draw(self, axes: Any, *, named: bool = True) -> None:
-        """Vertical lines, numbered at the top."""
-        for number, fuel in self.nodes.items():
+    def draw(self, axes: Any) -> None:
+        """Vertical lines, numbered at the top where there is room."""
+        low, high = axes.get_xlim()
+        beyond = np.inf
+        for number, fuel in sorted(self.nodes.items()):
+            room, beyond = (beyond - fuel) / (high - low), fuel
             axes.axvline(fuel, color=LIMIT, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1)
-            if named and number <= 3:
-                axes.annotate(
-                    f"n = {number}", (fuel, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -9), textcoords="offset points",
-                    fontsize=8, color=LIMIT,
-                )  # fmt: skip
+            if room >= NUMBERED:
+                name, above = f"n = {number}" if room >= NAMED else f"{number}", ("data", "axes fraction")
+                axes.annotate(name, (fuel, 1.0), (3, -9), above, "offset points", fontsize=8, color=LIMIT)
         if self.own is not None:
             axes.axvline(self.own, color=INK, linewidth=0.8, linestyle=":", zorder=1)
 

@@ -164,10 +164,8 @@ def _weights(done: FuelSweep) -> Lines:
     x, alphas = [float(weight.displacement) for weight in done.weights], [weight.alpha for weight in done.weights]
     unit = f" [{done.study.plant.output_unit}]" if done.study.plant.output_unit else ""
     marks = Marks({}, abs(float(done.study.maneuver.displacement)))
-    label = f"α_crit [s per {done.unit}]"
-    return Lines(
-        [("ZV", x, alphas, 1)], f"displacement{unit}", label, marks, "Below α_crit more fuel than that of node 1 pays", logarithmic=True
-    )
+    label, title = f"critical α [s per {done.unit}]", "Below the critical α more fuel than that of node 1 pays"
+    return Lines([("ZV", x, alphas, 1)], f"displacement{unit}", label, marks, title, logarithmic=True)
 
 
 def _far(done: FuelSweep) -> str:

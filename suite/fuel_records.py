@@ -171,7 +171,7 @@ class Choice:
         """In words."""
         if self.node is None:
             return "knee of the curve (measured)"
-        return f"node {self.node.number}: one pulse either way"
+        return f"just above node {self.node.number}, at one pulse either way"
 
     def to_dict(self) -> dict[str, Any]:
         """A choice of `fuel --json`."""

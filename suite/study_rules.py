@@ -131,7 +131,7 @@ def _maneuver(maneuver: schema.Maneuver) -> Iterator[Mistake]:
 def _thrusters(limits: schema.Limits, command: schema.Command | None) -> Iterator[Mistake]:
     key = "limits.pulse_width" if limits.pulse_width is not None else "limits.pulses"
     if limits.sample_time is not None:
-        why = "three levels on samples are finitely many commands, which bring a mode to rest by coincidence only"
+        why = "which of the finitely many commands of three levels on samples rest is an integer program, which is not there"
         yield Mistake("limits.sample_time", limits.sample_time, f"contradicts {key}: pulses begin and end at any instant; {why}")
     if limits.rate is not None:
         yield Mistake("limits.rate", limits.rate, f"contradicts {key}: thrusters are on or off, and the slope of a jump has no limit")

@@ -190,7 +190,7 @@ def test_pictures_and_page_show_what_was_found(found: tuple[dict[str, Any], Path
 def test_text_names_choices_and_says_how_a_point_becomes_a_study(tmp_path: Path) -> None:
     result = run(study_file(tmp_path), "--from", 4, "--to", 5, "--points", 2, "--kind", "ZV", "--no-held", "--out", tmp_path)
     assert result.exit_code == 0
-    assert "ZV, 4.502 input·s: node 1: one pulse either way (exactly 4.5015815808 input·s, 6.6936737286 s)" in result.stdout
+    assert "ZV, 4.502 input·s: just above node 1, at one pulse either way (exactly 4.5015815808 input·s, 6.6936737286 s)" in result.stdout
     assert "of type 1 up to 4 input·s, of type 2 from 4.502 input·s on" in result.stdout
     assert "fuel = 4.502 under [limits], robustness = 0 under [command]" in result.stdout
     assert "3 budgets, 3 minimum times, 3 proven" in result.stdout
