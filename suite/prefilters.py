@@ -172,14 +172,14 @@ def draw(done: Designed, path: Path) -> None:
     prefilter, study = done.prefilter, done.study
     last = prefilter.duration + min(max(done.tail, prefilter.duration), 4.0 * prefilter.duration)
     times = np.unique(np.concatenate([np.linspace(-0.05 * last, last, CURVE), *([d, np.nextafter(d, -np.inf)] for d in prefilter.delays)]))
-    begun = times >= 0.0
-    moved = np.where(begun, output(done.plant, prefilter, np.maximum(times, 0.0)), 0.0)
+    rest = float(study.plant.initial_input)
     svg = filtered(
         f"{study.title}: filter of form {done.request.form}",
         times,
-        float(study.plant.initial_input) + done.displacement * prefilter.reference(times),
-        done.displacement * moved,
+        rest + done.displacement * prefilter.reference(times),
+        done.displacement * output(done.plant, prefilter, times),
         end=prefilter.duration,
+        final=rest + done.displacement * prefilter.gain,
         target=done.displacement,
         limits=(float(study.limits.lower), float(study.limits.upper)),
         input_label=f"{study.plant.input} [{study.plant.input_unit or '–'}]",
