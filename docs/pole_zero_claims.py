@@ -174,7 +174,7 @@ def on_samples() -> Iterator[Claim]:
             found += int(np.count_nonzero(np.diff(signs)))
         counts.add(found)
     told = "once in 2π for any α, at 2π - 2 arctan 1/α" if counts == {1} else f"{counts} times in 2π"
-    yield judged("Fig. 7: K is 0 at T =", "1.4716, 4.4168, 7.7548, 10.70", told, holds=False)
+    yield judged("Fig. 7: K is 0 at T =", "1.4716, 4.4168, 7.7548, 10.70", told, holds=counts == {2})  # twice in 2π
     all_positive = []
     for t in np.arange(0.01, 2.0 * math.pi, 0.005).tolist():
         one = step_and_pole_last(HARMONIC, [-1.0], t)
@@ -192,9 +192,7 @@ def two_zeros() -> Iterator[Claim]:
     done, usual = cancelling(LinearPlant.from_transfer([1, 2, 3], [1, 0, 2]), Request(1)), pole_last(Mode(ROOT_2, 0.0), [])
     scale = done.terms[0].coefficient / (2.0 / (2j * zero.imag))  # of a partial fraction of 1/(s² + 2s + 3)
     yield numbers("(40): gains and T [s]", ["0.3333", "1.0000", "1.3510"], [done.gains[0], scale.real, done.duration])
-    two_thirds = 2.0 / 3.0
     yield numbers("(41): the shaper that leaves the zeros alone", ["2.22144"], [usual.duration])
-    assert abs(two_thirds * 1.5 - 1.0) < 1e-15
     times, gains = [], []
     for damping in np.linspace(0.02, 0.98, 25).tolist():
         for frequency in np.linspace(2.0, 10.0, 33).tolist():

@@ -156,7 +156,7 @@ def responses() -> str:
     parts = []
     for numerator, zeros, figure in (((1, 1), [-1.0], 3), ((1, 2, 3), [zero, zero.conjugate()], 11), ((1, 3, 2), [-1.0, -2.0], 14)):
         plant = LinearPlant.from_transfer(numerator, [1, 0, 2])
-        usual = pole_last(mode, []).scaled(2.0 / numerator[-1] / 2.0)
+        usual = pole_last(mode, []).scaled(1.0 / numerator[-1])
         curves = {
             label: (times, response(plant, one.command(1.0), times))
             for label, one in (("pole-zero cancelling", pole_last(mode, zeros)), ("shaper that leaves the zeros alone", usual))

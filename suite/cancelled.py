@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from relaxations.cancelling.answers import zero_sensitivities
+from relaxations.cancelling.answers import residual, zero_sensitivities
 from relaxations.cancelling.prefilters import Prefilter
 from relaxations.cancelling.requests import Request, cancelling
 from relaxations.cancelling.structures import Bounds
@@ -48,9 +48,9 @@ class Cancelled:
         }
 
 
-def request_of(study: Study, asked: CancellingRequest, plant: LinearPlant, rest: float) -> Request:
+def request_of(study: Study, asked: CancellingRequest, plant: LinearPlant) -> Request:
     """What a study asks of a filter, for a displacement of 1; raises `StudyError`."""
-    displacement, limits = float(study.maneuver.displacement), study.limits
+    displacement, limits, rest = float(study.maneuver.displacement), study.limits, float(study.plant.initial_input)
 
     def scaled(pair: tuple[float, float], shift: float = 0.0) -> tuple[float, float]:
         low, high = sorted((end - shift) / displacement for end in pair)
@@ -85,7 +85,7 @@ def request_of(study: Study, asked: CancellingRequest, plant: LinearPlant, rest:
 def cancelled(study: Study, asked: CancellingRequest, plant: LinearPlant, posed: Problem) -> Cancelled:
     """The study's filtered command, begun at once; raises `StudyError` where there is none, `ImpossibleShaperError` if none was found."""
     rest = float(study.plant.initial_input)
-    request = request_of(study, asked, plant, rest)
+    request = request_of(study, asked, plant)
     try:
         prefilter = cancelling(plant, request)
     except ImpossibleShaperError:
@@ -101,9 +101,7 @@ def cancelled(study: Study, asked: CancellingRequest, plant: LinearPlant, posed:
         why = "poles before the last delay let the input decay while it goes on stepping, which a command file cannot hold"
         raise _refused(study, "form", f'{why}; the filter itself can: slewcert prefilter STUDY. Valid here is "last"', asked.form) from None
     _within(study, plant, posed, prefilter, command)
-    size = sum(map(abs, prefilter.gains)) + sum(abs(term.gain) for term in prefilter.terms)
-    at_poles = [abs(complex(prefilter(pole.value))) for pole in request.structure(plant).conditions.poles]
-    return Cancelled(prefilter, asked.form, command, max(at_poles, default=0.0) / size)
+    return Cancelled(prefilter, asked.form, command, residual(request.structure(plant).conditions, prefilter))
 
 
 def _within(study: Study, plant: LinearPlant, posed: Problem, prefilter: Prefilter, command: Command) -> None:
@@ -112,9 +110,9 @@ def _within(study: Study, plant: LinearPlant, posed: Problem, prefilter: Prefilt
     if budget is not None and (fuel := command.fuel(rest)) > float(budget) * (1.0 + ROUNDING):
         raise _refused(study, "delays", f"the filtered command uses {fuel:.10g} of fuel, more than limits.fuel, {budget}")
     left = zero_sensitivities(plant, prefilter)
-    for name, (shift, residual) in study.limits.zero_sensitivity.items():
-        if (found := float(shift) * left.get(name, 0.0)) > float(residual) * (1.0 + ROUNDING):
-            why = f"{name} elsewhere by {shift} of its magnitude moves the output by {found:.6g} of the displacement, more than {residual}"
+    for name, (shift, most) in study.limits.zero_sensitivity.items():
+        if (found := float(shift) * left.get(name, 0.0)) > float(most) * (1.0 + ROUNDING):
+            why = f"{name} elsewhere by {shift} of its magnitude moves the output by {found:.6g} of the displacement, more than {most}"
             raise _refused(study, "delays", f"{why} (limits.zero_sensitivity); more delays leave room for a smaller tail")
     if posed.courses:
         slowest = max((1.0 / abs(root.value) for root in (*plant.poles, *plant.zeros) if root.value), default=1.0)

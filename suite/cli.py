@@ -133,7 +133,7 @@ def bound(studies: tuple[Path, ...], certificate: Path | None, as_json: bool) ->
 
 @main.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--study", type=click.Path(path_type=Path), help="Confirm that the certificates are about this study.")
+@click.option("--study", type=click.Path(exists=True, path_type=Path), help="Confirm that the certificates are about this study.")
 @AS_JSON
 @guarded
 def check(files: tuple[Path, ...], study: Path | None, as_json: bool) -> None:

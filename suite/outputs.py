@@ -9,18 +9,19 @@ from typing import Any
 
 import click
 
-READ = "study"  # the one option without exists=True whose file is read (slewcert check --study)
-
 
 def refuse_overwriting(context: click.Context) -> None:
-    """Raises `click.UsageError` for an output option that names a file which the command reads, or that a study of it names."""
+    """Raises `click.UsageError` for an output option that names a file which the command reads, or that a study of it names.
+
+    Options whose file must exist are read, others are written.
+    """
     outputs: list[tuple[str, Path]] = []
     inputs: set[Path] = set()
     for parameter in context.command.params:
         value = context.params.get(parameter.name or "")
         values = [Path(one) for one in (value if isinstance(value, tuple) else (value,)) if isinstance(one, (str, Path))]
         kind = parameter.type
-        if isinstance(parameter, click.Option) and isinstance(kind, click.Path) and not kind.exists and parameter.name != READ:
+        if isinstance(parameter, click.Option) and isinstance(kind, click.Path) and not kind.exists:
             outputs += [(parameter.opts[0], path) for path in values]
         else:
             inputs |= {path for path in values if _is_file(path)}

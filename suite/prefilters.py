@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from relaxations.bounds import Bound
-from relaxations.cancelling.answers import output, tail_length, zero_sensitivities
+from relaxations.cancelling.answers import output, residual, tail_length, zero_sensitivities
 from relaxations.cancelling.conditions import Conditions
 from relaxations.cancelling.forms import DEFAULT, Form
 from relaxations.cancelling.monotone import least_monotone
@@ -110,7 +110,7 @@ def designed(file: Path, asked: Asked) -> Designed:
     study = _asking(load_study(file), asked)
     plant = nominal_plant(study)
     assert study.command.cancelling is not None
-    request = request_of(study, study.command.cancelling, plant, float(study.plant.initial_input))
+    request = request_of(study, study.command.cancelling, plant)
     if asked.unbounded:
         request = replace(request, bounds=replace(request.bounds, levels=None, length=None))
     try:
@@ -119,13 +119,11 @@ def designed(file: Path, asked: Asked) -> Designed:
         raise
     except RelaxationsError as problem:
         raise SuiteError(f"{file}: {problem}") from None
-    size = sum(map(abs, prefilter.gains)) + sum(abs(term.gain) for term in prefilter.terms)
     conditions = Conditions.of(plant, request.robustness, request.zeros)
-    left = max((abs(complex(prefilter(pole.value))) for pole in conditions.poles), default=0.0) / size
     least = least_monotone(conditions, prefilter.duration) if request.bounds.monotone else None
     bound = minimum_time(pose(study, plant))
     lasting, zeros = tail_length(prefilter, SETTLED), zero_sensitivities(plant, prefilter)
-    return Designed(study, plant, request, prefilter, bound, left, lasting, zeros, least)
+    return Designed(study, plant, request, prefilter, bound, residual(conditions, prefilter), lasting, zeros, least)
 
 
 def _asking(study: Study, asked: Asked) -> Study:
@@ -172,14 +170,14 @@ def draw(done: Designed, path: Path) -> None:
     prefilter, study = done.prefilter, done.study
     last = prefilter.duration + min(max(done.tail, prefilter.duration), 4.0 * prefilter.duration)
     times = np.unique(np.concatenate([np.linspace(-0.05 * last, last, CURVE), *([d, np.nextafter(d, -np.inf)] for d in prefilter.delays)]))
-    begun = times >= 0.0
-    moved = np.where(begun, output(done.plant, prefilter, np.maximum(times, 0.0)), 0.0)
+    rest = float(study.plant.initial_input)
     svg = filtered(
         f"{study.title}: filter of form {done.request.form}",
         times,
-        float(study.plant.initial_input) + done.displacement * prefilter.reference(times),
-        done.displacement * moved,
+        rest + done.displacement * prefilter.reference(times),
+        done.displacement * output(done.plant, prefilter, times),
         end=prefilter.duration,
+        final=rest + done.displacement * prefilter.gain,
         target=done.displacement,
         limits=(float(study.limits.lower), float(study.limits.upper)),
         input_label=f"{study.plant.input} [{study.plant.input_unit or '–'}]",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,12 +9,14 @@ import numpy as np
 from rich.table import Table
 
 from reports.files import write_atomically
+from reports.formatting import at_least, at_most
 from suite.console import escape, out
 from suite.timings import Left, Timing, TimingError
 
 POINTS = 13  # of the curves of worst errors
 DECADES = 2.0  # that they reach below the largest error
 MOST_COLUMNS, MOST_CURVES = 6, 4  # motions in the table of instants, and in the picture
+DIGITS = 5  # of what is proven
 SMALL = ((1e-1, 1e-3, "ms"), (1e-4, 1e-6, "µs"), (0.0, 1e-9, "ns"))  # moves that last as long: what an error is counted in [s]
 
 
@@ -52,11 +53,10 @@ def show(done: Timing, plot: Path | None) -> None:
     for one in done.left:
         row = [one.motion.name, unit_of(done, one), _rounding(done, one.planned), f"{one.per_second * size:.4g}"]
         row += [_rounding(done, one.delayed)] * bool(asked.on or asked.off)
-        if one.rms is not None and one.drawn is not None:
-            sizes = np.abs(one.drawn)
-            row += [f"{one.rms:.4g}", f"{np.quantile(sizes, 0.95):.4g}", f"{sizes.max():.4g}"]
+        if one.rms is not None:
+            row += [f"{one.rms:.4g}", *(f"{one.percentiles[name]:.4g}" for name in ("p95", "largest"))]
         if one.worst is not None:
-            row += [f"≤ {_up(one.worst.bound)}"]
+            row += [f"≤ {at_most(one.worst.bound, DIGITS)}"]
         shown.add_row(*map(escape, row))
     console.print(shown)
     shown = Table()
@@ -83,18 +83,15 @@ def show(done: Timing, plot: Path | None) -> None:
 
 def lines(done: Timing) -> Iterator[str]:
     """What stands below the tables."""
-    asked = done.asked
-    if asked.within and done.flexible:
-        total = math.fsum(one.worst.bound for one in done.flexible if one.worst is not None) / done.scale
-        yield f"instants within ± {asked.within:g} s: the flexible modes together leave at most {_up(100 * total)} % of the move: proved"
+    if done.together is not None:
+        total = at_most(100 * done.together, DIGITS)
+        yield f"instants within ± {done.asked.within:g} s: the flexible modes together leave at most {total} % of the move: proved"
     if done.limit is not None and done.allowed is not None:
         name, limit = done.limit
         kept = f"{name} (residual vibration at most {limit:g}) is kept by the modes of the nominal plant"
         if done.allowed > 0.0:
-            digits = 4 - math.floor(math.log10(done.allowed))
-            allowed = math.floor(done.allowed * 10.0**digits) / 10.0**digits
             most = ", the most for which the events are sure to keep their order" if done.ordered(done.allowed) else ""
-            yield f"{kept} if no instant errs by more than {allowed:.5g} s{most}: proved"
+            yield f"{kept} if no instant errs by more than {at_least(done.allowed, DIGITS)} s{most}: proved"
         else:
             yield f"{kept.replace('is kept', 'is not kept')} even without errors"
     if any(one.motion.unit for one in done.left):
@@ -106,14 +103,6 @@ def lines(done: Timing) -> Iterator[str]:
 def _rounding(done: Timing, value: float) -> str:
     """A value, or 0 where it is rounding alone."""
     return f"{value:.4g}" if abs(value) > 1e-12 * done.scale else "0"
-
-
-def _up(value: float) -> str:
-    """Five digits, rounded up."""
-    if value <= 0.0:
-        return "0"
-    digits = 4 - math.floor(math.log10(value))
-    return f"{math.ceil(value * 10.0**digits) / 10.0**digits:.6g}"
 
 
 def draw(done: Timing, path: Path) -> None:
@@ -132,9 +121,8 @@ def picture(done: Timing) -> str:
     places = [one for one in done.left if not one.motion.unit]
     largest = sorted(places, key=lambda one: one.per_second)[-MOST_CURVES:]
     shown = [one for one in places if any(one is other for other in largest)]
-    free = timing.room(happening) / 2
-    most = min(free if math.isfinite(free) else command.maneuver_time / 2, command.maneuver_time / 10)
-    errors = np.geomspace(most * 10.0**-DECADES, most * (1 - 1e-9), POINTS)
+    most = min(done.most, command.maneuver_time / 10)
+    errors = np.geomspace(most * 10.0**-DECADES, most, POINTS)
     share, (size, each) = 100.0 / done.scale, small(done)
     curves = [
         Curve(

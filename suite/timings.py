@@ -68,6 +68,14 @@ class Left:
         """Root mean square for each second of jitter, to first order, of what jitter alone would leave."""
         return float(self.motion.factor * np.sqrt(np.sum(np.abs(self.slopes) ** 2)))
 
+    @property
+    def percentiles(self) -> dict[str, float]:
+        """Of the sizes that were drawn: root mean square, what 95 % are below, and the largest; empty without jitter."""
+        if self.drawn is None:
+            return {}
+        sizes = np.abs(self.drawn)
+        return {"sampled_rms": float(np.sqrt(np.mean(sizes**2))), "p95": float(np.quantile(sizes, 0.95)), "largest": float(sizes.max())}
+
     def to_dict(self) -> dict[str, Any]:
         """A motion of `timing --json`."""
         record: dict[str, Any] = {
@@ -79,16 +87,11 @@ class Left:
             "jitter": None,
             "worst": None,
         }
-        if self.rms is not None and self.drawn is not None:
-            record["jitter"] = {"rms": self.rms, **_percentiles(self.drawn)}
+        if self.rms is not None:
+            record["jitter"] = {"rms": self.rms, **self.percentiles}
         if self.worst is not None:
             record["worst"] = {"attained": self.worst.attained, "bound": self.worst.bound, "errors": self.worst.errors.tolist()}
         return record
-
-
-def _percentiles(drawn: Reals) -> dict[str, float]:
-    sizes = np.abs(drawn)
-    return {"sampled_rms": float(np.sqrt(np.mean(sizes**2))), "p95": float(np.quantile(sizes, 0.95)), "largest": float(sizes.max())}
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,12 @@ class Timing:
         return max((w.attained for w in found), default=0.0) / self.scale, math.fsum(w.bound for w in found) / self.scale
 
     @property
+    def together(self) -> float | None:
+        """The same bound for the errors that were asked about; None without modes or such errors."""
+        bounds = [one.worst.bound for one in self.flexible if one.worst is not None]
+        return math.fsum(bounds) / self.scale if bounds else None
+
+    @property
     def most(self) -> float:
         """The largest error [s] for which the events keep their order."""
         free = timing.room(self.happening) / 2 * (1 - 1e-9)
@@ -158,9 +167,6 @@ class Timing:
     def to_dict(self) -> dict[str, Any]:
         """The object of `timing --json` (docs/schemas.md)."""
         asked, limit = self.asked, self.limit
-        together = None
-        if asked.within and self.flexible:
-            together = math.fsum(one.worst.bound for one in self.flexible if one.worst is not None) / self.scale
         return {
             "study": str(self.study.file),
             "maneuver_time": self.command.maneuver_time,
@@ -180,7 +186,7 @@ class Timing:
                 for event, late in zip(self.planned, self.happening, strict=True)
             ],
             "motions": [one.to_dict() for one in self.left],
-            "modes_together": together,
+            "modes_together": self.together,
             "allowed": None if limit is None else {"requirement": limit[0], "residual_vibration": limit[1], "within": self.allowed},
             "notes": list(self.notes),
         }

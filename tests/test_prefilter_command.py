@@ -68,7 +68,10 @@ def test_files_and_pictures(study: Path, tmp_path: Path) -> None:
     assert kept.duration == pytest.approx(2.3672493903, abs=DIGITS)
     picture = (tmp_path / "f.svg").read_text()
     assert "last delay, 2.3672 s" in picture
-    assert ">tail<" in picture
+    for label in ("tail", "final level, 0.2", "limits, -0.35 and 0.35", "pitch: filter of form last+step"):
+        assert f">{label}<" in picture
+    assert run(study, "--delays", 2, "--zeros", "none", "--plot", tmp_path / "f.svg").exit_code == 0
+    assert ">tail<" not in (tmp_path / "f.svg").read_text()
 
 
 def test_every_form_has_a_filter(study: Path) -> None:

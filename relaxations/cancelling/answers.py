@@ -10,6 +10,7 @@ import numpy as np
 from flint import acb
 from numpy.typing import ArrayLike, NDArray
 
+from relaxations.cancelling.conditions import Conditions
 from relaxations.cancelling.prefilters import Prefilter
 from relaxations.plants import ROOT_BITS, LinearPlant, precision
 from relaxations.response import response
@@ -30,6 +31,11 @@ def output(plant: LinearPlant, prefilter: Prefilter, times: ArrayLike, name: str
         if begun.any() and (gain or own):
             total[begun] += response(plant, Prefilter((0.0,), (gain,), own).command(1.0), t[begun] - delay, name)
     return total
+
+
+def residual(conditions: Conditions, prefilter: Prefilter) -> float:
+    """The largest |G_f| at a pole that it cancels, of its size: rounding."""
+    return max((abs(complex(prefilter(pole.value))) for pole in conditions.poles), default=0.0) / prefilter.size
 
 
 def tail_length(prefilter: Prefilter, within: float) -> float:

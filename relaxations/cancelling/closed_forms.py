@@ -29,7 +29,7 @@ SINGULAR = 1e-12  # of the gains' size: a static gain that small is 0
 def pole_last(mode: Mode, zeros: Sequence[complex]) -> Prefilter:
     """`A + B e^{-sT}/N(s)` (4), (32), (43): any number of zeros [1/s] left of the axis, real or in conjugate pairs, repeated or not."""
     conditions = _conditions(mode, zeros)
-    p = _pole(mode)
+    p = mode.pole
     at = _value(conditions, p)
     delay = _least(math.pi - cmath.phase(at), p.imag)
     step = math.exp(-p.real * delay) / abs(at)
@@ -42,7 +42,7 @@ def pole_first(mode: Mode, zeros: Sequence[complex], positive: bool = False) -> 
     With (24) the gains differ in sign and `ω_d T = arg N(p)` (mod 2π), the shorter one; `positive`: they do not, and it is π more.
     """
     conditions = _conditions(mode, zeros)
-    p = _pole(mode)
+    p = mode.pole
     at = _value(conditions, p)
     delay = _least(cmath.phase(at) + (math.pi if positive else 0.0), p.imag)
     block = abs(at) * math.exp(-p.real * delay) * (1.0 if positive else -1.0)
@@ -57,7 +57,7 @@ def step_and_pole_last(mode: Mode, zeros: Sequence[complex], delay: float) -> Pr
     if not 0.0 < delay < math.inf:
         raise ShaperError(f"a delay is positive and finite, not {delay!r} s")
     conditions = _conditions(mode, zeros)
-    p = _pole(mode)
+    p = mode.pole
     turned, at = cmath.exp(-p * delay), _value(conditions, p)
     if abs(turned.imag) <= SINGULAR * abs(turned):
         raise ShaperError(f"T = {delay!r} s is a multiple of half the mode's damped period: steps alone cancel it there, or nothing does")
@@ -66,14 +66,8 @@ def step_and_pole_last(mode: Mode, zeros: Sequence[complex], delay: float) -> Pr
     return _scaled(conditions, delay, (first, second), 1.0, delay)
 
 
-def _pole(mode: Mode) -> complex:
-    if not mode.damping < 1.0:
-        raise ShaperError(f"a flexible mode has a damping ratio below 1, not {mode.damping!r}")
-    return mode.frequency * complex(-mode.damping, math.sqrt(1.0 - mode.damping**2))
-
-
 def _conditions(mode: Mode, zeros: Sequence[complex]) -> Conditions:
-    pole, values = _pole(mode), [complex(zero) for zero in zeros]
+    pole, values = mode.pole, [complex(zero) for zero in zeros]
     if len(values) > 2:
         raise ShaperError(f"one mode has at most two zeros, not {len(values)}")
     roots = [[z.real, z.imag] for z in values], [[pole.real, pole.imag], [pole.real, -pole.imag]]

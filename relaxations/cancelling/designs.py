@@ -102,12 +102,21 @@ def at_delays(structure: Structure, delays: Reals) -> Prefilter:
 
 def solved_at(structure: Structure, delays: Reals) -> Found | None:
     """Gains and numerators at these delays, if there are any."""
-    table, aim, parts = structure.conditions.table(structure.parts, delays), structure.conditions.aim, len(structure.parts)
-    if parts <= len(aim):
+    table, aim = structure.conditions.table(structure.parts, delays), structure.conditions.aim
+    if len(structure.parts) <= len(aim):
         unknowns = np.asarray(np.linalg.lstsq(table, aim, rcond=None)[0], dtype=float)
-        found = Found(delays, unknowns)
-        right = structure.conditions.error(structure.parts, delays, unknowns) <= SOLVED
-        return found if right and _kept(structure, found) else None
+    elif (least := _least_sizes(structure, delays, table)) is not None:
+        unknowns = least
+    else:
+        return None
+    found = Found(delays, unknowns)
+    right = structure.conditions.error(structure.parts, delays, unknowns) <= SOLVED
+    return found if right and _kept(structure, found) else None
+
+
+def _least_sizes(structure: Structure, delays: Reals, table: Reals) -> Reals | None:
+    """Of more unknowns than equations (their left sides: `table`) those of the least sum of |steps| within the bounds, if there are any."""
+    aim, parts = structure.conditions.aim, len(structure.parts)
     # Sizes |x| ≤ t, Σ t least over the steps; the numerators cost nothing.
     rows, sides = structure.limits(delays)
     eye, cost = np.eye(parts), np.array([1.0 if part.power is None else 0.0 for part in structure.parts])
@@ -128,9 +137,7 @@ def solved_at(structure: Structure, delays: Reals) -> Found | None:
     used = np.abs(unknowns) > SLACK * np.abs(unknowns).max()
     unknowns[~used] = 0.0
     unknowns[used] += np.linalg.pinv(table[:, used]) @ (aim - table @ unknowns)
-    found = Found(delays, unknowns)
-    right = structure.conditions.error(structure.parts, delays, unknowns) <= SOLVED
-    return found if right and _kept(structure, found) else None
+    return unknowns
 
 
 def natural_time(structure: Structure) -> float:

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from relaxations.cancelling.conditions import Conditions, Part
 from relaxations.errors import ShaperError
 
-FORMS = ("last", "first", "every", "K (a delay's number)")
 DEFAULT = "last"
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import operator
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -76,6 +75,11 @@ class Prefilter:
         """The static gain G_f(0)."""
         return math.fsum((*self.gains, *(term.gain for term in self.terms)))
 
+    @property
+    def size(self) -> float:
+        """The sum of the sizes of its gains, and of its terms' shares of the static gain: what rounding is compared with."""
+        return math.fsum((*map(abs, self.gains), *(abs(term.gain) for term in self.terms)))
+
     # What `relaxations.shaping.shapers` needs of whatever it convolves with.
 
     @property
@@ -114,8 +118,7 @@ class Prefilter:
 
     def shaper(self) -> Shaper:
         """The shaper of static gain 1 that it is; raises `ShaperError` if its static gain is 0."""
-        size = math.fsum((*map(abs, self.gains), *(abs(term.gain) for term in self.terms)))
-        if abs(self.gain) <= 1e-12 * size:
+        if abs(self.gain) <= 1e-12 * self.size:
             raise ShaperError("the filter's static gain is 0 (the plant has a rigid body): it is no shaper, whose gain is 1")
         one = self.scaled(1.0 / self.gain)
         return Shaper(one.times, one.amplitudes, one.terms)
@@ -144,15 +147,7 @@ class Prefilter:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data (`slewcert-prefilter/1`)."""
-        terms = [
-            {
-                "start": t.start,
-                "rate": [t.rate.real, t.rate.imag],
-                "power": t.power,
-                "coefficient": [t.coefficient.real, t.coefficient.imag],
-            }
-            for t in self.terms
-        ]
+        terms = [term.to_dict() for term in self.terms]
         return {"format": FORMAT, "delays": list(self.delays), "gains": list(self.gains), "terms": terms}
 
     @staticmethod
@@ -162,10 +157,7 @@ class Prefilter:
             found = data.get("format") if isinstance(data, Mapping) else type(data).__name__
             raise ShaperError(f'a filter file has "format": "{FORMAT}"; this one has {found!r}')
         try:
-            terms = tuple(
-                ShaperTerm(float(t["start"]), complex(*t["rate"]), operator.index(t["power"]), complex(*t["coefficient"]))
-                for t in data.get("terms", ())
-            )
+            terms = tuple(map(ShaperTerm.from_dict, data.get("terms", ())))
             return Prefilter(tuple(map(float, data["delays"])), tuple(map(float, data["gains"])), terms)
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
             raise ShaperError(f"malformed filter file: {type(problem).__name__} {problem}") from None

@@ -53,7 +53,7 @@ class Structure:
     finer: int = 1
     unit: float = 1.0  # [s] of its time: for messages
 
-    @property
+    @cached_property
     def fine(self) -> Structure:
         """The same, its bounds looked at more closely."""
         return replace(self, finer=FINER)

@@ -44,6 +44,16 @@ class ShaperTerm:
         """Its integral, `Re(c k! / (-p)^(k+1))`."""
         return (self.coefficient * math.factorial(self.power) / (-self.rate) ** (self.power + 1)).real
 
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of `terms` in files of shapers and filters (docs/schemas.md)."""
+        pair = {name: [value.real, value.imag] for name, value in (("rate", self.rate), ("coefficient", self.coefficient))}
+        return {"start": self.start, "rate": pair["rate"], "power": self.power, "coefficient": pair["coefficient"]}
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> ShaperTerm:
+        """The inverse of `to_dict`; raises `KeyError`, `TypeError` or `ValueError` for what is malformed."""
+        return ShaperTerm(float(data["start"]), complex(*data["rate"]), operator.index(data["power"]), complex(*data["coefficient"]))
+
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
@@ -156,15 +166,7 @@ class Shaper:
             "format": FORMAT,
             "times": list(self.times),
             "amplitudes": list(self.amplitudes),
-            "terms": [
-                {
-                    "start": t.start,
-                    "rate": [t.rate.real, t.rate.imag],
-                    "power": t.power,
-                    "coefficient": [t.coefficient.real, t.coefficient.imag],
-                }
-                for t in self.terms
-            ],
+            "terms": [term.to_dict() for term in self.terms],
             **({"pulses": pulses} if pulses else {}),
         }
 
@@ -178,10 +180,7 @@ class Shaper:
             return Shaper(
                 tuple(float(t) for t in data["times"]),
                 tuple(float(a) for a in data["amplitudes"]),
-                tuple(
-                    ShaperTerm(float(t["start"]), complex(*t["rate"]), operator.index(t["power"]), complex(*t["coefficient"]))
-                    for t in data.get("terms", ())
-                ),
+                tuple(map(ShaperTerm.from_dict, data.get("terms", ()))),
                 tuple(Pulse(float(p["start"]), float(p["width"]), float(p["height"])) for p in data.get("pulses", ())),
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
