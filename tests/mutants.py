@@ -26,7 +26,17 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 ARGUED = ROOT / "docs" / "checker-mutations.md"
-HELPERS = ("corruption", "forgery", "independent", "independent_limits", "problems", "proving", "random_maneuvers", "varying_plants")
+HELPERS = (
+    "conftest",
+    "corruption",
+    "forgery",
+    "independent",
+    "independent_limits",
+    "problems",
+    "proving",
+    "random_maneuvers",
+    "varying_plants",
+)
 CHECKER = Path("relaxations", "checking")
 LENGTHY = ("many segments", "many contacts", "many segments and poles", "too many segments", "many names", "many oscillations")
 SOLVING = ("test_checking_corruption_boxes.py",)
@@ -59,13 +69,13 @@ SETTINGS = """
 [tool.pytest]
 testpaths = ["tests"]
 pythonpath = ["tests"]
-addopts = ["-m", "not slow", "-x", "-q", DESELECTED]
+addopts = ["-m", "not slow", "-x", "-q", "--assert=plain", "-p", "no:cacheprovider", "-p", "no:xdist", DESELECTED]
 markers = ["slow: left out here"]
 
 [tool.mutmut]
 source_paths = ["relaxations/checking"]
 do_not_mutate = [
-    "*/boxes.py", "*/families.py", "*/motions.py", "*/excursions.py", "*/changes.py", "*/durations.py", "*/worst.py",
+    "*/boxes.py", "*/families.py", "*/motions.py", "*/excursions.py", "*/durations.py", "*/worst.py",
     "*/*deflections.py", "*/pulse_widths.py",
 ]
 also_copy = ["relaxations", "fmus", "reports", "suite", "tests"]
