@@ -73,13 +73,14 @@ def test_every_node_must_refute() -> None:
     time = Fraction(19, 10)
     good = [node(at, (-time / 2, 1)) for at in evenly(time, 20)]
     assert covered(held(), good, time).outcome is Outcome.PROVED
+    none = node(Fraction(0), (0, 0))["costate"]
     for place in range(len(good)):
-        bad = {**good[place], "costate": node(Fraction(0), (0, 0))["costate"]}
+        bad = {**good[place], "costate": none}
         assert covered(held(), [*good[:place], bad, *good[place + 1 :]], time).outcome is not Outcome.PROVED, place
     twice = [*good[:11], *good[10:]]
     assert covered(held(), twice, time).outcome is Outcome.PROVED
-    assert covered(held(), [*twice[:-1], {**twice[-1], "costate": bad["costate"]}], time).outcome is not Outcome.PROVED
-    assert covered(held(), [{**one, "costate": bad["costate"]} for one in good], time).outcome is not Outcome.PROVED
+    assert covered(held(), [*twice[:-1], {**twice[-1], "costate": none}], time).outcome is not Outcome.PROVED
+    assert covered(held(), [{**one, "costate": none} for one in good], time).outcome is not Outcome.PROVED
     assert covered(held(), good[:-1], time).outcome is not Outcome.PROVED
 
 
