@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from forgery import certificate, task
 from numpy.typing import NDArray
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from relaxations.checking.claims import Outcome, check
 
@@ -96,7 +97,7 @@ def margin(case: Case, made: dict[str, Any], displacement: float, ramps: list[di
     end = float(made["time"])
     if case.sample_time:
         step = float(case.sample_time)
-        count = int(np.ceil(Fraction(str(end)) / case.sample_time)) - 1
+        count = math.ceil(Fraction(str(end)) / case.sample_time) - 1
         times, _, integral = followed(case, count * step)
         cells = np.diff(np.interp(np.arange(count + 1) * step, times, integral))
         return left - float(np.sum(sigma(cells, low, high, made["price"] * step, case.fuel)))
@@ -164,7 +165,7 @@ def told(case: Case, ramps: list[dict[str, Any]] | None = None, begin: str | Non
         return margin(case, moved, displacement, ramps, None if begin is None else float(Fraction(begin)))
 
     if case.stay:
-        just, start = brentq(lambda displacement: over(displacement, 0.0), 0.05, 400.0, xtol=1e-13), 0.0
+        just, start = float(root_scalar(lambda displacement: over(displacement, 0.0), bracket=(0.05, 400.0), xtol=1e-13).root), 0.0
     else:  # what the start is away counts on the left side alone, and linearly
         just = 0.5
         start = float(over(just, 0.0) / made["costate"][0])
