@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from relaxations.bounds import Status
+from relaxations.onoff.enough import TooLittle, too_little
 from reports.files import write_atomically
 from suite.bound_records import bound_record
 from suite.design import Design, design
@@ -21,11 +22,16 @@ class CollectionError(SuiteError):
 
 @dataclass(frozen=True, slots=True)
 class Bracketed:
-    """A study with its design; `certificate` is the file that the proof was written to, if any."""
+    """A study with its design; `certificate` is the file that the proof was written to, if any.
+
+    `short` is the most fuel that is proven to be too little, where the study's own budget is, and `proof` the file that says so.
+    """
 
     study: Study
     design: Design
     certificate: Path | None
+    short: TooLittle | None = None
+    proof: Path | None = None
 
     @property
     def impossible(self) -> bool:
@@ -36,6 +42,8 @@ class Bracketed:
         """The object of `bound --json` (docs/schemas.md)."""
         bound, rest = self.design.bound, float(self.study.plant.initial_input)
         record = bound_record(bound, bound.command, rest, None if self.certificate is None else str(self.certificate))
+        if self.short is not None:
+            record["least_fuel"] = {"lower": self.short.below, "certificate": None if self.proof is None else str(self.proof)}
         made = self.design.cancelled
         return record if made is None else {**record, "prefilter": {**made.to_dict(), "command": made.command.to_dict()}}
 
@@ -52,11 +60,15 @@ def collect(paths: Sequence[Path]) -> list[Path]:
 
 
 def bracket(file: Path, certificate: Path | None = None) -> Bracketed:
-    """Bracket one study's minimum time; what was proven is written to `certificate`. Raises `StudyError`, `OSError`."""
+    """Bracket one study's minimum time; what was proven is written to `certificate`, of the least fuel beside it. Raises `StudyError`, `OSError`."""
     study = load_study(file)
     made = design(study)
+    short = too_little(made.problem) if made.bound.status is Status.IMPOSSIBLE else None
     content = made.bound.certificate
-    if certificate is not None and content is not None:
-        write_atomically(certificate, content)
-        return Bracketed(study, made, certificate)
-    return Bracketed(study, made, None)
+    if certificate is None or content is None:
+        return Bracketed(study, made, None, short)
+    write_atomically(certificate, content)
+    proof = None if short is None else certificate.with_name(f"{certificate.name.removesuffix('.json')}.least-fuel.json")
+    if short is not None and proof is not None:
+        write_atomically(proof, short.certificate)
+    return Bracketed(study, made, certificate, short, proof)

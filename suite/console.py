@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from decimal import ROUND_FLOOR
 from typing import TYPE_CHECKING, Any
 
 from rich import markup
@@ -21,6 +22,7 @@ from suite.campaign import RunResult
 from suite.command import harmless
 from suite.evidence import number
 from suite.inspecting import summary, terminal_lines, variable_rows
+from suite.rounding import outward
 from suite.shaper_text import study_lines
 from suite.table_text import BRACKET, bracket_cells
 from suite.verification import Progress, Verification
@@ -139,6 +141,10 @@ def show_bound(done: Bracketed) -> None:
     study, made, console = done.study, done.design, out()
     console.print(escape(study.title or study.file.name), style="bold")
     _show_bracket(console, done.to_dict())
+    if done.short is not None:
+        unit = study.plant.input_unit or "input"
+        least = outward(done.short.below, ROUND_FLOOR)
+        console.print(escape(f"least fuel: every command needs {least} {unit}·s or more, however long it takes (proved)"), soft_wrap=True)
     command = made.bound.command
     if command is not None and (made.bound.switches is not None or _short(command)):
         console.print(command_table(command, study.plant.input_unit))
@@ -148,8 +154,9 @@ def show_bound(done: Bracketed) -> None:
     own = made.notes if made.cancelled is not None or made.bound.free is not None else ()
     for note in dict.fromkeys((*study.notes, *own, *made.plant.notes, *made.problem.notes)):
         console.print(f"note: {escape(note)}", soft_wrap=True)
-    if done.certificate is not None:
-        console.print(f"certificate: {escape(str(done.certificate))}", soft_wrap=True)
+    for file in (done.certificate, done.proof):
+        if file is not None:
+            console.print(f"certificate: {escape(str(file))}", soft_wrap=True)
 
 
 def command_table(command: Command, unit: str) -> Table:
