@@ -34,6 +34,7 @@ AGAIN = 400  # points at which a command that was found without these limits is 
 FEW = 4  # nodes of a box's nominal plant, one of so many
 FINE = 4  # points of each cell at which a course is looked at
 MISSED = 1e-9  # relative excess that calls for another instant
+LANDING = 0.05  # of the move: how long before its end an output that comes to rest on its limit begins to be let there
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +88,10 @@ class Course:
     def exceeded(self, instants: Reals, levels: Reals, allowed: float, ramps: bool = False) -> Reals:
         """Nodes, and local extremes, at which the output is beyond `allowed`: as fractions of the move."""
         times, course = self.along(instants, levels, ramps)
-        over = np.abs(course) > allowed * (1.0 + MISSED)
+        inside = 1.0 - allowed / self.limit
+        final = np.full(len(times), self.final / self.limit)
+        room = self.limit * shares_left(inside, final, times / instants[-1]) if self.place is None and inside > 0.0 else allowed
+        over = np.abs(course) > room * (1.0 + MISSED)
         inner = np.abs(course[1:-1])
         tops = np.flatnonzero((inner >= np.abs(course[:-2])) & (inner >= np.abs(course[2:]))) + 1
         nodes = np.arange(FINE, len(times), FINE)
@@ -99,6 +103,13 @@ class Course:
             shift = np.nan_to_num((y0 - y2) / (2 * (y0 - 2 * y1 + y2)), posinf=0.0, neginf=0.0)
         found = found + np.where(top, np.clip(shift, -1, 1) * (times[np.maximum(chosen, 1)] - times[np.maximum(chosen, 1) - 1]), 0.0)
         return np.clip(found / instants[-1], 0.0, 1.0)
+
+
+def shares_left(inside: float, finals: Reals, places: Reals) -> Reals:
+    """The shares of their limits that are left, at places of the move, to outputs that are to be `inside` these by a fraction of the room
+    beyond where they come to rest, `finals` (shares too); of one that rests on its limit, of the limit, and of less when it lands."""
+    room = 1.0 - np.abs(finals)
+    return 1.0 - inside * np.where(room > inside, room, np.minimum((1.0 - places) / LANDING, 1.0))
 
 
 def respects(courses: Sequence[Course], command: Command, rest: float) -> bool:

@@ -8,7 +8,7 @@ move, by levels close to its final rest in pieces of a very short time: the unkn
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -34,18 +34,23 @@ THIN = 5e-2  # of the duration: an arc so thin may be none
 ITERATIONS, DIGITS = 40, 45
 CLOSED = 1e-24  # of the residual
 SHARES = (1e-13, 1e-12, 1e-11, 1e-10, 1e-9)  # of the duration: how long the input may take after the move
+LEANS = (1e-13, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7)  # of the duration: how far beneath it costates that turn with it are looked for
 BENEATH, LAYER = (1e-12, 1e-9), 300  # of the duration: how far beneath it programs are solved; instants at either end
 ROOM = Fraction(9, 10)  # of the nearer limit's distance from the final rest
 
 
 @dataclass(frozen=True, slots=True)
 class Landing:
-    """Duration T [s], times to go of the switches [s], absolute levels in order of time to go, and a costate if it is determined."""
+    """Duration T [s], times to go of the switches [s], absolute levels in order of time to go, and a costate if it is determined.
+
+    Of a plant that begins elsewhere than at rest also times a little beneath T, and costates that may refute them.
+    """
 
     maneuver_time: Fraction
     switches_to_go: tuple[Fraction, ...]
     levels: tuple[Fraction, ...]
     costate: tuple[Fraction, ...] | None
+    leaning: tuple[tuple[Fraction, tuple[Fraction, ...]], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +96,8 @@ def landing(problem: Problem, extremal: Extremal) -> Landing | None:
         except ZeroDivisionError:
             return None
         numbers = [decimal(value, DIGITS) for value in found]
-    return Landing(numbers[-1], tuple(numbers[:-1]), tuple(extremal.exact_levels[i] for i in arcs), costate)
+        leaning = () if inner or problem.begin is None else tuple(_leaning(moments, numbers))
+    return Landing(numbers[-1], tuple(numbers[:-1]), tuple(extremal.exact_levels[i] for i in arcs), costate, leaning)
 
 
 def _least_squares(moments: _Moments, x: list[arb], bits: int) -> list[arb] | None:
@@ -122,6 +128,23 @@ def _costate(moments: _Moments, time: arb, places: Sequence[arb]) -> tuple[Fract
     return tuple(decimal(value, DIGITS) for value in found.entries()) if off < 1e-40 else None
 
 
+def _leaning(moments: _Moments, numbers: Sequence[Fraction]) -> Iterator[tuple[Fraction, tuple[Fraction, ...]]]:
+    """Times beneath the duration, the closest first, and costates that vanish at the switches and at one end of the move, or both.
+
+    What is to be reached turns with the time, and the costate has to lean ahead of it: a pendulum (ω = 1) that one arc of π brings to rest
+    is at rest no sooner, by `p(s) = sin(s + δ)` at T = π - δ, since `λ·aim(T) - ∫ |p| ds = 1 - cos δ`.
+    """
+    *switches, duration = numbers
+    for lean in LEANS:
+        time = duration * (1 - Fraction(lean))
+        end = arb(rational(time))
+        for ends in ([end], [arb(0)], [arb(0), end]):
+            places = sorted([*(arb(rational(s)) for s in switches), *ends], key=float)
+            with suppress(ZeroDivisionError):
+                if len(places) + 1 == moments.exact.aim(end).nrows() and (found := _costate(moments, end, places)) is not None:
+                    yield time, found
+
+
 def settled(problem: Problem, task: dict[str, Any], extremal: Extremal) -> Proof:
     """Both sides of a degenerate optimum as far as they are proven that way: the closest claims that are accepted."""
     found = landing(problem, extremal)
@@ -132,6 +155,11 @@ def settled(problem: Problem, task: dict[str, Any], extremal: Extremal) -> Proof
         witness = certificates.costate_witness(problem, found.costate)
         claims = (Side(found.maneuver_time * (1 - Fraction(margin)), witness) for margin in MARGINS)
         proof = Proof(next((side for side in claims if accepted(task, lower=side)), None))
+    for time, costate in found.leaning if proof.lower is None else ():
+        side = Side(time, certificates.costate_witness(problem, costate))
+        if accepted(task, lower=side):
+            proof = Proof(side)
+            break
     (plant, *_) = problem.plants
     final, limits, size = maneuver.rest + plant.rest_input(maneuver.displacement), maneuver.limits, problem.size
     starts = [Fraction(0), *(found.maneuver_time - s for s in reversed(found.switches_to_go))]

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from relaxations.courses import Motion
+from relaxations.courses import Motion, shares_left
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
 from relaxations.posing import GridProgram
@@ -225,9 +225,11 @@ def solve(program: GridProgram) -> GridSolution:
         if fuel is not None and step is None:  # nodes carry half of either cell
             values["widths"] = (values["widths"] + np.append(values["widths"][1:], 0.0)) / 2
     if motion is not None:
-        most = 1.0 - program.inside
+        most, least, posed = 1.0 - program.inside, 0.0, program.problem
+        if posed.transition is None and posed.residuals is None:
+            most, least = shares_left(program.inside, motion.finals, motion.places[:, 1]), -program.inside
         values |= {"half": half, "risen": half / length * (motion.finals - motion.free)}
-        values |= {"over": np.maximum(most - motion.finals, 0.0), "under": np.maximum(most + motion.finals, 0.0)}
+        values |= {"over": np.maximum(most - motion.finals, least), "under": np.maximum(most + motion.finals, least)}
     for name, value in values.items():
         compiled[name].value = value
     with warnings.catch_warnings():

@@ -65,6 +65,7 @@ CLOSEST, ZOOMS, ZOOMED = 1e-8, 4, (1e-9, 3e-9, 1e-8, 3e-8, 1e-7)
 REGULAR, GOOD, LIMITED, COURSED = 1e-12, 1e-7, 1e-6, 1e-5
 """Gaps at which the search ends: of a regular optimum; on finer grids; with a budget of fuel or a box; with limits on courses or slopes."""
 
+DENSE = 16  # times as dense a grid is the last one where courses are limited: on the next a program takes minutes
 CLOSE = 1e-7  # of α, where courses or slopes are limited: closer to the root is closer than the grid
 
 
@@ -109,6 +110,7 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
 
     def enough(factor: int, proof: Proof) -> bool:
         late = factor > 1 and (problem.rate is not None or (bool(problem.courses) and proof.upper is None))  # finer grids gain little
+        late = late or (factor >= DENSE and bool(problem.courses))
         done = proof.gap <= gap or (factor > 1 and proof.gap <= GOOD) or (proof.final and proof.lower is not None)
         return gridded or late or done
 
@@ -281,6 +283,8 @@ def _impossible(problem: Problem) -> Iterator[tuple[str, dict[str, Any] | None]]
         return
     if problem.fuel is not None or _rests_on_a_limit(problem):
         yield from ((form, None) for form in ("face", "remainder", "fuel"))
+    if any(abs(course.final) == course.limit for course in problem.courses):
+        yield "overshoot", None
     if (asked := spending(problem)) is not None:
         costate, price, touched = asked
         yield "fuel", certificates.costate_witness(problem, costate, touched, Prices(price))

@@ -162,7 +162,7 @@ def one_side_of_another_task(data: Any, rng: random.Random) -> None:
 
 
 def call_it_impossible(data: Any, rng: random.Random) -> None:
-    data["claim"] = {"lower": None, "upper": None, "impossible": rng.choice(("face", "remainder", "fuel"))}
+    data["claim"] = {"lower": None, "upper": None, "impossible": rng.choice(("face", "remainder", "fuel", "overshoot"))}
     if rng.random() < 0.5:
         data["task"]["limits"]["input"][rng.randrange(2)] = rng.choice(("0", "1", "-1", data["task"]["displacement"]))
 

@@ -167,6 +167,41 @@ def test_impossible_tasks(posed: dict[str, Any], criterion: str, expected: Outco
     assert outcome(certificate(posed, impossible=criterion)) is expected
 
 
+@pytest.mark.parametrize(
+    ("numerator", "denominator", "limit", "others", "expected"),
+    [
+        (["1", "3"], ["1", "0.4", "1"], "3", {}, Outcome.PROVED),
+        (["1", "3"], ["1", "0.4", "1"], "3", {"displacement": "-3"}, Outcome.PROVED),
+        (["1", "3"], ["1", "0.4", "1"], "3", {"zeros": {"mode[1]": 1}}, Outcome.PROVED),
+        (["1", "3"], ["1", "0.4", "1"], "3", {"sample_time": "0.25"}, Outcome.PROVED),
+        (["1", "3"], ["1", "0.4", "1"], "3.0000001", {}, Outcome.INCONCLUSIVE),  # a little beyond, and it only takes its time
+        (["1", "3"], ["1", "0.4", "1"], "3", {"rest": "output"}, Outcome.INCONCLUSIVE),  # the input decays along the zero
+        (["1", "3"], ["1", "0.4", "1"], "3", {"initial_state": ["1", "0"]}, Outcome.INCONCLUSIVE),
+        (["3"], ["1", "0.4", "1"], "3", {}, Outcome.INCONCLUSIVE),  # without a zero it comes from within
+        (["-1", "3"], ["1", "0.4", "1"], "3", {}, Outcome.INCONCLUSIVE),  # right of the origin: it begins the other way
+        (["3", "6", "6"], ["1", "1.4", "1.4", "1"], "3", {}, Outcome.INCONCLUSIVE),  # a pair of zeros: takes 3.19 s from 0 to 6
+        (["1", "3"], ["1", "3.4", "2.2", "3"], "3", {}, Outcome.INCONCLUSIVE),  # the pole at -3 is the zero
+        (["1", "6", "9"], ["1", "3.4", "2.2", "3"], "3", {}, Outcome.PROVED),  # a double zero, of which one is left
+    ],
+)
+def test_an_output_that_may_not_overshoot(
+    numerator: list[str], denominator: list[str], limit: str, others: dict[str, Any], expected: Outcome
+) -> None:
+    # The input is scaled so that the limits of the input never matter.
+    posed = task(
+        numerator, denominator, **{"displacement": "3", "limits": ("-9", "9"), **others}, deflection={"y": limit}, outputs={"y": numerator}
+    )
+    assert outcome(certificate(posed, impossible="overshoot")) is expected
+
+
+def test_whose_overshoot_it_is() -> None:
+    # A cart rests 1 farther; its speed rests at 0, an output that leads it (0.5 s + 1) does not.
+    led = task(["1"], ["1", "0", "0"], deflection={"led": "1"}, outputs={"led": ["0.5", "1"]})
+    assert outcome(certificate(led, impossible="overshoot")) is Outcome.PROVED
+    speed = task(["1"], ["1", "0", "0"], deflection={"speed": "1"}, outputs={"speed": ["1", "0"]})
+    assert outcome(certificate(speed, impossible="overshoot")) is Outcome.INCONCLUSIVE
+
+
 @pytest.mark.parametrize("known", PROBLEMS, ids=lambda known: known.name)
 def test_possible_tasks_are_not_called_impossible(known: Any) -> None:
     posed = certificates.task(known.problem())

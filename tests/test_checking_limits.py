@@ -99,7 +99,7 @@ def test_what_does_not_go_with_a_start_proves_nothing(where: Path, value: object
     assert check(altered("started", ("task", *where), value)).outcome is not Outcome.PROVED
 
 
-@pytest.mark.parametrize("criterion", ["face", "remainder", "fuel"])
+@pytest.mark.parametrize("criterion", ["face", "remainder", "fuel", "overshoot"])
 def test_a_start_is_never_called_impossible_by_the_criteria_for_rest(criterion: str) -> None:
     data = opened(proven_limited("started"))
     data["task"]["limits"]["input"] = ["0", "1"]

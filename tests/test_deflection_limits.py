@@ -17,7 +17,7 @@ from independent import StateSpace
 from independent_limits import Limited
 from problems import transfer, two_mass
 
-from relaxations.bounds import Bound
+from relaxations.bounds import Bound, Status
 from relaxations.checking import courses
 from relaxations.checking.balls import Root, Wave
 from relaxations.checking.claims import Outcome, check
@@ -136,6 +136,24 @@ def test_no_overshoot_of_the_controlled_output_itself() -> None:
     lower, upper = sides(minimum_time(problem([transfer([1], [1, "0.4", 1])()], Maneuver(Fraction(1), limits))))
     free = minimum_time(problem([transfer([1], [1, "0.4", 1])()], Maneuver(Fraction(1), Limits.of(-1, 3))))
     assert (lower, upper) == sides(free)  # which does not overshoot
+
+
+def test_a_lag_that_may_not_overshoot_never_comes_to_rest() -> None:
+    # (s + 3)/(s² + 0.4 s + 1) to 3: its zero's own motion ends at 1 and is less than 1 as long as the output is at most 3.
+    def bounded(limit: str) -> Bound:
+        limits = Limits.of(-2, 2, None, {"output": limit})
+        return minimum_time(problem([transfer([1, 3], [1, "0.4", 1])()], Maneuver(Fraction(3), limits)))
+
+    assert bounded("3").status is Status.IMPOSSIBLE
+    assert proving.sides(bounded("3.3"), COURSED)[0] > 1.4  # without a limit 1.3683 s
+
+
+@pytest.mark.slow
+def test_an_output_rests_on_its_limit_all_the_way_to_the_end() -> None:
+    # 6 (s² + 2s + 2)/… to 6, at most 6: its zeros' own motion takes it there in finite time, at -6 for a while and then at 6.
+    limits = Limits.of(-2, 2, None, {"output": 6})
+    lower, upper = proving.sides(minimum_time(problem([transfer([3, 6, 6], [1, "1.4", "1.4", 1])()], Maneuver(Fraction(6), limits))), 1e-4)
+    assert 3.188 < lower < upper < 3.1886
 
 
 @pytest.mark.parametrize("place", ["-0.9", "0.9"])

@@ -10,6 +10,7 @@ face       if u may leave 0 to one side only, and m is 0 or on the other side, t
 final      of a box: a plant of it comes to rest too far from the target, whatever the command (`members.Shift`).
 remainder  if a is stable and u_ss is a limit, then m = u_ss ∫_0^∞ e^{as} ds, v is on one side of 0, and the left side is never that large.
 fuel       a budget of fuel is less than a pole that does not decay asks for (`spent`).
+overshoot  an output is limited to where it comes to rest, and a real zero takes it beyond (`overshoots`).
 
 A budget of fuel adds μ fuel on the right, μ ≥ 0, and σ(p) = max(0, upper (p - μ)) + max(0, lower (p + μ)), both parts of the kind above.
 """
@@ -23,7 +24,7 @@ from typing import Any
 import flint
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes, changes, courses, members, ramps, spent
+from relaxations.checking import boxes, changes, courses, members, overshoots, ramps, spent
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -39,6 +40,10 @@ def impossible(system: System, criterion: str, witness: Any) -> None:
     if criterion == "fuel":
         if not spent.too_little(system, witness, costate):
             raise Undecided("at no pole that does not decay the fuel is proven too little")
+        return
+    if criterion == "overshoot":
+        if not overshoots.has_to(system):
+            raise Undecided("no output that may not overshoot is proven to")
         return
     if system.begin:
         raise Undecided("the criteria speak of moves from rest")

@@ -181,7 +181,8 @@ SEGMENTS = [{"start": real, "level": real}, 0, MOST_SEGMENTS]
 FREE = [({"time", "start", "level", "re", "im"}, natural, natural), 0, 2 * MOST_POLES]
 UPPER = {"maneuver_time": real, "segments": SEGMENTS, "tail": CHAINS, "free": FREE, "radius": real}
 # sides of the least maneuver time [s] (null: not claimed), or the criterion by which the task is impossible
-CLAIM = {"lower": (None, real), "upper": (None, real), "impossible": (None, {"face", "remainder", "fuel", "final"})}
+CRITERIA = {"face", "remainder", "fuel", "final", "overshoot"}
+CLAIM = {"lower": (None, real), "upper": (None, real), "impossible": (None, CRITERIA)}
 SCHEMA = {"format": {"slewcert-certificate/1"}, "task": TASK, "claim": CLAIM, "lower": (None, LOWER), "upper": (None, UPPER)}
 
 
