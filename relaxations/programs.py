@@ -359,7 +359,6 @@ def closest(columns: NDArray[np.complex128], radii: Reals, negative: float = 0.0
     q = Re(ȳᵀ Z) and N = `negative` `r = (1 + N) min q - N max q - Σ |y| radii`, λ = min q. Raises `SolverError`.
     """
     import cvxpy as cp
-    from cvxpy.error import SolverError as NotSolvedError
 
     x, r = cp.Variable(columns.shape[1]), cp.Variable()
     below: Any = cp.Variable(columns.shape[1], nonneg=True) if negative else 0
@@ -367,12 +366,7 @@ def closest(columns: NDArray[np.complex128], radii: Reals, negative: float = 0.0
     circles = cp.SOC(radii + r, reached, axis=0)
     limits: list[Any] = [circles, cp.sum(x) == 1, x + below >= 0, *([cp.sum(below) <= negative] if negative else [])]
     program = cp.Problem(cp.Minimize(r), limits)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # as above: judged by what is used of it
-        try:
-            program.solve(solver=cp.CLARABEL, **SETTINGS)
-        except NotSolvedError as problem:
-            raise SolverError("the cone program has no answer that was found") from problem
+    run(program, "cone program")
     if x.value is None or r.value is None or circles.dual_value is None:
         raise SolverError(f"the cone program has no answer: {program.status}")
     dual = np.asarray(circles.dual_value[1])
@@ -386,39 +380,21 @@ def closest(columns: NDArray[np.complex128], radii: Reals, negative: float = 0.0
     return ConeSolution(x.value if negative else np.maximum(x.value, 0.0), float(r.value), float(turned.min()), multipliers)
 
 
-@dataclass(frozen=True, slots=True)
-class Nearest:
-    """What the solver found of `nearest`: levels (N,), the excess s, the multipliers of both sides of the rows (k,), of the sums (m,)."""
-
-    levels: Reals
-    excess: float
-    above: Reals
-    below: Reals
-    sums: Reals
-
-
-def nearest(rows: Reals, aims: Reals, exact: Reals, target: Reals, limits: tuple[float, float]) -> Nearest:
-    """Minimise s subject to `|rows v - aims| ≤ s`, `exact v = target` and v within the limits. Raises `SolverError`.
-
-    By duality `s = -(above - below) aims - sums target - Σ max over v of -((above - below) rows + sums exact) v`, Σ(above + below) = 1.
-    """
+def run(program: Any, what: str) -> None:
+    """Solve a cvxpy program as all others are; raises `SolverError`."""
     import cvxpy as cp
     from cvxpy.error import SolverError as NotSolvedError
 
-    half, sizes = (limits[1] - limits[0]) / 2, np.maximum(np.abs(exact).max(axis=1, initial=0.0), np.finfo(float).tiny)
-    v, s = cp.Variable(rows.shape[1]), cp.Variable()
-    reached = (rows * half) @ v - aims
-    sides: list[Any] = [reached <= s, -reached <= s, v <= limits[1] / half, v >= limits[0] / half]
-    summed: list[Any] = [(exact / sizes[:, None]) @ v == target / sizes / half] if len(exact) else []
-    program = cp.Problem(cp.Minimize(s), [*sides, *summed])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # as above: judged by what is used of it
         try:
             program.solve(solver=cp.CLARABEL, **SETTINGS)
         except NotSolvedError as problem:
-            raise SolverError("the program of a box has no answer that was found") from problem
-    if v.value is None or s.value is None or sides[0].dual_value is None:
-        raise SolverError(f"the program of a box has no answer: {program.status}")
-    above, below = (np.maximum(np.asarray(side.dual_value), 0.0) for side in sides[:2])
-    sums = np.asarray(summed[0].dual_value) / sizes / half if summed else np.zeros(0)
-    return Nearest(np.clip(v.value * half, *limits), float(s.value), above, below, sums)
+            raise SolverError(f"the {what} has no answer that was found") from problem
+
+
+def modelling() -> Any:
+    """cvxpy, for programs that are posed elsewhere."""
+    import cvxpy as cp
+
+    return cp

@@ -21,11 +21,12 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 from numpy.typing import NDArray
 
-from relaxations import certificates, programs
+from relaxations import certificates
 from relaxations.bounds import NOT_PROVEN, Bound, Status
 from relaxations.commands import Command, Segment, Tail
 from relaxations.errors import ManeuverError, SolverError
 from relaxations.maneuvers import Maneuver, Problem
+from relaxations.nearest import Nearest, nearest
 from relaxations.plants import fraction
 from relaxations.repair import pivots
 from relaxations.robust.boxes import Axis, Place
@@ -94,7 +95,7 @@ class Look:
     time: float
     nodes: Reals
     looked: list[tuple[int, float]]
-    found: programs.Nearest
+    found: Nearest
 
 
 @dataclass
@@ -168,7 +169,7 @@ class Search:
         first, bodies = self.problems[0], self.box.bodies
         exact = self.moved(0, nodes)[bodies]
         self.count += 1
-        found = programs.nearest(np.vstack(rows), np.concatenate(aims), exact, first.target[bodies], (first.lower, first.upper))
+        found = nearest(np.vstack(rows), np.concatenate(aims), exact, first.target[bodies], (first.lower, first.upper))
         return Look(horizon, nodes, looked, found)
 
     def cut(self, look: Look, limit: float) -> bool:
