@@ -60,7 +60,10 @@ def collect(paths: Sequence[Path]) -> list[Path]:
 
 
 def bracket(file: Path, certificate: Path | None = None) -> Bracketed:
-    """Bracket one study's minimum time; what was proven is written to `certificate`, of the least fuel beside it. Raises `StudyError`, `OSError`."""
+    """Bracket one study's minimum time; what was proven is written to `certificate`, of the least fuel beside it.
+
+    Raises `StudyError`, `OSError`.
+    """
     study = load_study(file)
     made = design(study)
     short = too_little(made.problem) if made.bound.status is Status.IMPOSSIBLE else None

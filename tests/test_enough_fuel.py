@@ -20,10 +20,12 @@ LAG = LinearPlant.from_transfer([1], [1, 1, 0])
 PENDULUM = LinearPlant.from_transfer([1], [1, 0, 1])
 MASS = LinearPlant.from_transfer([1], [1, 0, 0])
 SWING = (Fraction("1.7"), Fraction("0.3"))
-STUDY = '[plant]\nnumerator = [1]\ndenominator = [1, 1, 0]\n[maneuver]\ndisplacement = 3\n[limits]\ninput = [-1, 1]\nfuel = '
+STUDY = "[plant]\nnumerator = [1]\ndenominator = [1, 1, 0]\n[maneuver]\ndisplacement = 3\n[limits]\ninput = [-1, 1]\nfuel = "
 
 
-def asked(plant: LinearPlant, displacement: int, fuel: str | None, *, tail: bool = False, start: tuple[Fraction, ...] | None = None) -> Problem:
+def asked(
+    plant: LinearPlant, displacement: int, fuel: str | None, *, tail: bool = False, start: tuple[Fraction, ...] | None = None
+) -> Problem:
     return problem([plant], Maneuver(Fraction(displacement), Limits.of(-1, 1, fuel), tail=tail, initial=start))
 
 
