@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import ROUND_FLOOR
 from pathlib import Path
 
 from relaxations.bounds import Status
@@ -13,6 +14,7 @@ from suite.bound_records import bound_record
 from suite.design import Design, design
 from suite.errors import SuiteError
 from suite.loading import load_study
+from suite.rounding import outward
 from suite.study import Study
 
 
@@ -37,6 +39,14 @@ class Bracketed:
     def impossible(self) -> bool:
         """Whether it is proven that no command does it."""
         return self.design.bound.status is Status.IMPOSSIBLE
+
+    @property
+    def least(self) -> str | None:
+        """What every command needs of fuel, in words, where the study's budget is too little."""
+        if self.short is None:
+            return None
+        needed = f"{outward(self.short.below, ROUND_FLOOR)} {self.study.plant.input_unit or 'input'}·s"
+        return f"least fuel: every command needs {needed} or more, however long it takes (proved)"
 
     def to_dict(self) -> dict[str, object]:
         """The object of `bound --json` (docs/schemas.md)."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from decimal import ROUND_FLOOR
 from typing import TYPE_CHECKING, Any
 
 from rich import markup
@@ -22,7 +21,6 @@ from suite.campaign import RunResult
 from suite.command import harmless
 from suite.evidence import number
 from suite.inspecting import summary, terminal_lines, variable_rows
-from suite.rounding import outward
 from suite.shaper_text import study_lines
 from suite.table_text import BRACKET, bracket_cells
 from suite.verification import Progress, Verification
@@ -141,10 +139,8 @@ def show_bound(done: Bracketed) -> None:
     study, made, console = done.study, done.design, out()
     console.print(escape(study.title or study.file.name), style="bold")
     _show_bracket(console, done.to_dict())
-    if done.short is not None:
-        unit = study.plant.input_unit or "input"
-        least = outward(done.short.below, ROUND_FLOOR)
-        console.print(escape(f"least fuel: every command needs {least} {unit}·s or more, however long it takes (proved)"), soft_wrap=True)
+    if done.least is not None:
+        console.print(escape(done.least), soft_wrap=True)
     command = made.bound.command
     if command is not None and (made.bound.switches is not None or _short(command)):
         console.print(command_table(command, study.plant.input_unit))
