@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from relaxations.maneuvers import Problem
 from relaxations.plants import fraction
 from relaxations.prices import NONE, Prices
-from relaxations.robust.boxes import Box, Family, Listed, Place, Polynomial
+from relaxations.robust.boxes import Axis, Box, Family, Listed, Place, Polynomial
 from relaxations.robust.moved import Move, Moved
 from relaxations.transitions import VaryingPlant
 from relaxations.varying_courses import driven
@@ -90,7 +90,25 @@ def _schedule(plant: VaryingPlant, limited: Sequence[str]) -> dict[str, Any]:
     rows = {name: [[text(x) for x in row] for row in which] for name, which in (("B", plant.B), ("C", plant.C))}
     A = [[[text(x) for x in row] for row in matrix] for matrix in plant.A]
     outputs = {name: [[text(x) for x in row] for row in plant.rows[name]] for name in limited}
-    return {"instants": [text(t) for t in plant.instants], "A": A, **rows, "D": [text(d) for d in plant.D], "outputs": outputs}
+    return {
+        "instants": [text(t) for t in plant.instants],
+        "A": A,
+        **rows,
+        "D": [text(d) for d in plant.D],
+        "outputs": outputs,
+        "members": [],
+    }
+
+
+def boxed(task: dict[str, Any], axes: Sequence[Axis], members: Sequence[tuple[Place, VaryingPlant]], tolerance: Fraction) -> dict[str, Any]:
+    """The task of a plant that varies, with a box of such plants."""
+    written = [
+        {"place": [text(x) for x in place], **{key: _schedule(plant, [])[key] for key in ("A", "B", "C", "D")}} for place, plant in members
+    ]
+    ranges = [{"name": axis.name, "nominal": text(axis.nominal), "low": text(axis.low), "high": text(axis.high)} for axis in axes]
+    nothing: dict[str, Any] = {"numerator": [], "denominator": [], "outputs": {}, "plants": [], "final_tolerance": None}
+    box = {"parameters": ranges, **nothing, "tolerance": text(tolerance)}
+    return {**task, "box": box, "schedule": {**task["schedule"], "members": written}}
 
 
 def _box(box: Box, names: Sequence[str]) -> dict[str, Any]:

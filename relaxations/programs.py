@@ -359,7 +359,6 @@ def closest(columns: NDArray[np.complex128], radii: Reals, negative: float = 0.0
     q = Re(ȳᵀ Z) and N = `negative` `r = (1 + N) min q - N max q - Σ |y| radii`, λ = min q. Raises `SolverError`.
     """
     import cvxpy as cp
-    from cvxpy.error import SolverError as NotSolvedError
 
     x, r = cp.Variable(columns.shape[1]), cp.Variable()
     below: Any = cp.Variable(columns.shape[1], nonneg=True) if negative else 0
@@ -367,12 +366,7 @@ def closest(columns: NDArray[np.complex128], radii: Reals, negative: float = 0.0
     circles = cp.SOC(radii + r, reached, axis=0)
     limits: list[Any] = [circles, cp.sum(x) == 1, x + below >= 0, *([cp.sum(below) <= negative] if negative else [])]
     program = cp.Problem(cp.Minimize(r), limits)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # as above: judged by what is used of it
-        try:
-            program.solve(solver=cp.CLARABEL, **SETTINGS)
-        except NotSolvedError as problem:
-            raise SolverError("the cone program has no answer that was found") from problem
+    run(program, "cone program")
     if x.value is None or r.value is None or circles.dual_value is None:
         raise SolverError(f"the cone program has no answer: {program.status}")
     dual = np.asarray(circles.dual_value[1])
@@ -384,3 +378,23 @@ def closest(columns: NDArray[np.complex128], radii: Reals, negative: float = 0.0
     if float(turned @ x.value) < 0.0:
         multipliers, turned = -multipliers, -turned
     return ConeSolution(x.value if negative else np.maximum(x.value, 0.0), float(r.value), float(turned.min()), multipliers)
+
+
+def run(program: Any, what: str) -> None:
+    """Solve a cvxpy program as all others are; raises `SolverError`."""
+    import cvxpy as cp
+    from cvxpy.error import SolverError as NotSolvedError
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # as above: judged by what is used of it
+        try:
+            program.solve(solver=cp.CLARABEL, **SETTINGS)
+        except NotSolvedError as problem:
+            raise SolverError(f"the {what} has no answer that was found") from problem
+
+
+def modelling() -> Any:
+    """cvxpy, for programs that are posed elsewhere."""
+    import cvxpy as cp
+
+    return cp

@@ -67,7 +67,7 @@ def varying_problem(plant: VaryingPlant, maneuver: Maneuver) -> Problem:
         "further zeros (robustness), for a plant that varies has no frequency in which its residual could be flat": bool(
             maneuver.robustness
         ),
-        "a box yet: each of its plants would need a schedule of its own": maneuver.box is not None,
+        "a box: each of its plants needs a schedule of its own (relaxations.varying_boxes)": maneuver.box is not None,
     }
     if any(refused.values()):
         asked = ", nor with ".join(name for name, given in refused.items() if given)

@@ -155,7 +155,7 @@ def _varying(study: schema.Written) -> Iterator[Mistake]:
         hint = "; command.follow, without a schedule, is what shapers have for plants that vary" if command.kind == "shaper" else ""
         yield Mistake("command.kind", command.kind, f'{why}: "time-optimal" and "file" are supported{hint}')
     if command.robustness:
-        reason = "it has no frequency in which a residual could be flat, and a box would need a schedule for each of its plants"
+        reason = "it has no frequency in which a residual could be flat; a box, which needs a schedule for each plant, is in Python only"
         yield Mistake(
             "command.robustness", command.robustness, f"{why}: further zeros and boxes are about plants that do not vary; {reason}"
         )

@@ -12,7 +12,7 @@ from typing import Any
 import flint
 from flint import fmpq
 
-from relaxations.checking import changes, courses, lower, members, ramps, upper, varying
+from relaxations.checking import changes, courses, lower, members, ramps, upper, varying, varying_boxes
 from relaxations.checking.balls import system, work
 from relaxations.checking.reading import Malformed, Refuted, Undecided, read
 
@@ -71,7 +71,7 @@ def check(content: bytes) -> Check:
             try:
                 varying.sensible(certificate.task)
                 if certificate.task.schedule is not None:
-                    varying.prove(certificate)
+                    (varying_boxes if box else varying).prove(certificate)
                     outcome, reason = Outcome.PROVED, ""
                     break
                 members.sensible(certificate.task)
@@ -119,7 +119,7 @@ def claim(found: Check) -> str:
         lines += [f"  {name:<12} [{', '.join(plant[name])}]" for name in ("numerator", "denominator")]
         if plant["zeros"]:
             lines.append("  further zeros of the command: " + ", ".join(f"{count} at {name}" for name, count in plant["zeros"].items()))
-    lines += members.plants(task)
+    lines += (members.plants if task["plants"] else varying_boxes.described)(task)
     rest, (low, high), tail = REST["box" if task["box"] else task["rest"]], task["limits"]["input"], task["limits"]["tail_length"]
     start, begins = task["initial_state"], f"Task: from rest at input {task['initial_input']}"
     if start is not None and not task["plants"]:
@@ -142,7 +142,7 @@ def claim(found: Check) -> str:
         lines.append(f"  From sample to sample, and from and to the rests, u changes by h times a slope in [{rate[0]}, {rate[1]}].")
     elif rate:
         lines.append(f"  u is continuous from its first rest to its last, and its slope stays in [{rate[0]}, {rate[1]}].")
-    lines += members.promises(task)
+    lines += (members.promises if task["plants"] else varying_boxes.promises)(task)
     if held := task["limits"]["held"]:
         first, second = held.split(", then ")
         lines.append(f"  Form: until some instant of the move u is {task['initial_input']} or on its {first} side, and from then on")

@@ -126,13 +126,18 @@ BOX = {"parameters": [PARAMETER, 1, 8], **FORM, "tolerance": real, "final_tolera
 # A plant that varies instead: matrices at instants, the first 0, linear between them and constant after the last.
 MOST_STATES, MOST_INSTANTS = 50, 1000
 VECTORS: list[Any] = [[real, 1, MOST_STATES], 1, MOST_INSTANTS]
-SCHEDULE = {
-    "instants": [real, 1, MOST_INSTANTS],
+MATRICES = {
     "A": [[[real, 1, MOST_STATES], 1, MOST_STATES], 1, MOST_INSTANTS],
     "B": VECTORS,
     "C": VECTORS,
     "D": [real, 1, MOST_INSTANTS],
+}
+MEMBER = {"place": [real, 1, 8], **MATRICES}
+SCHEDULE = {
+    "instants": [real, 1, MOST_INSTANTS],
+    **MATRICES,
     "outputs": by_name(VECTORS),  # rows for every instant
+    "members": [MEMBER, 0, 100],  # of a box: the same matrices of every plant, the nominal one among them
 }
 TASK = {
     "plants": [PLANT, 0, 1],

@@ -280,8 +280,9 @@ def sensible(task: Any) -> None:
     same = all(len(x) == len(schedule.instants) for x in (A, B, C, schedule.D))
     square = all(len(a) == n and all(len(row) == n for row in a) for a in A) and all(len(b) == n for b in (*B, *C))
     require(same and square, "a schedule has A, B, C, D for every instant: A is n×n, B and C have n numbers")
-    fine = task.rest == "state" and task.box is None and not (limits.held or limits.tail_length or limits.zero_sensitivity)
-    require(fine, "a plant that varies comes to a rest of its state: without a box, a form or what belongs to a tail")
+    require((task.box is None) == (not schedule.members), "the plants of a box that vary are members of the schedule")
+    fine = task.rest == "state" and not (limits.held or limits.tail_length or limits.zero_sensitivity)
+    require(fine, "a plant that varies comes to a rest of its state: without a form or what belongs to a tail")
     require(task.initial_state is None or len(task.initial_state) == n, "a plant that varies begins at as many numbers as it has states")
 
 
