@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -126,3 +127,24 @@ def test_multipliers_belong_to_limits_that_there_are() -> None:
     press = {"output": "w", "begin": "0", "end": "1", "weight": "1"}
     assert not malformed(LIMITED, deflection=[press])
     assert malformed(LIMITED, deflection=[{**press, "begin": "2"}])
+
+
+def test_multipliers_of_a_start_add_up() -> None:
+    """What the cart's speed of 3 is worth to several of them: 3 times their sum, in any order, each within the horizon."""
+    posed = system(task(["1"], ["1", "0", "0"], initial_state=["0", "3"], outputs={"v": ["1", "0"]}, deflection={"v": "9"}))
+    roots = courses.common(posed.roots, 2)
+    given = (("1", "2", "2"), ("3", "3", "5"), ("2", "4", "-1"), ("1/2", "1/2", "7"))
+    presses = [SimpleNamespace(output="v", **dict(zip(("begin", "end", "weight"), map(_number, one), strict=True))) for one in given]
+    for order in (presses, presses[::-1], [presses[1], presses[0], *presses[2:]]):
+        assert float(courses.begun(posed, roots, order, arb(5))) == pytest.approx(3 * (2 + 5 - 1 + 7), abs=1e-20)
+
+
+def test_where_a_tail_begins_counts_beside_what_comes_after() -> None:
+    """`λᵀ column_j + Σ (μ⁺ - μ⁻) shape_j(τ) + q(0) shape_j(0) = 0`."""
+    of = task(["1", "3"], ["1", "1.2", "4.2", "4", "0", "0"], "2", rest="output", rate=["-4", "4"])
+    ramps: Any = [{"edges": ["0", "1"], "levels": ["0"]}]
+    contact = {"time": "1/2", "upper": "3", "lower": "1"}
+    witness = costate((("0", "0"), [("1", "0"), ("-2", "0")]), ramps=ramps, steps=["5/4"], tail=[contact])
+    moved, _ = lower.costate(system(of), read(certificate(of, "1", witnesses=(witness, None))).lower)
+    (total,) = (system(of).columns.transpose() * moved).entries()
+    assert float(total) == pytest.approx(-2 * math.exp(-1.5) - 1.25, abs=1e-25)

@@ -135,6 +135,41 @@ def test_a_right_side_that_may_be_negative_refutes_nothing_by_itself() -> None:
     assert found(posed, nothing, ramps=[{"edges": ["0", "1"], "levels": ["0"]}]).outcome is not Outcome.REFUTED
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"rest": "output"}, "a box belongs to a state rest without further zeros"),
+        ({"plants": [{**CART["plants"][0], "zeros": {"real[1]": 1}}]}, "a box belongs to a state rest without further zeros"),
+        ({"box": {**CART["box"], "outputs": {"v": []}}}, "outputs of a box are strictly proper"),
+        ({"box": {**CART["box"], "outputs": {"v": constant(["1", "0", "0", "0"])}}}, "outputs of a box are strictly proper"),
+        ({"box": {**CART["box"], "outputs": {}}}, "the outputs written of a box are those whose deflection is limited"),
+    ],
+)
+def test_what_goes_with_a_box(change: dict[str, Any], said: str) -> None:
+    outcome = sampled({**CART, **change})
+    assert outcome.outcome is Outcome.MALFORMED
+    assert said in outcome.reason
+
+
+@pytest.mark.parametrize(
+    ("ramps", "steps", "fine"),
+    [
+        ([["0", "1"]], ["1"], True),
+        ([["0", "1"]], [], True),
+        ([["1/2", "1"]], ["1"], False),
+        ([["0", "1"]], ["1", "1"], False),
+        ([], ["1"], False),
+        ([["0", "1", "2"], ["2", "3"]], [], True),
+        ([["0", "1", "2"], ["3/2", "3"]], [], False),
+        ([["0", "2", "1"]], [], False),
+    ],
+)
+def test_ramps_are_disjoint_and_begin_with_one_number_at_0(ramps: list[list[str]], steps: list[str], fine: bool) -> None:
+    posed = task(["1"], ["1", "0", "0"], rate=["-4", "4"])
+    made = [{"edges": edges, "levels": ["0"] * (len(edges) - 1)} for edges in ramps]
+    assert malformed(posed, ramps=made, steps=steps) != fine
+
+
 # Inputs one way, then the other.
 
 

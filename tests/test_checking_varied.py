@@ -145,6 +145,7 @@ def posed(case: Case, made: dict[str, Any], displacement: Fraction, ramps: list[
         "C": [["1", "0"]] * 3,
         "D": ["0"] * 3,
         "outputs": {},
+        "members": [],
     }
     chain = {"near": ["0", "0"], "coefficients": [[written(x), "0"] for x in made["costate"]]}
     witness = {

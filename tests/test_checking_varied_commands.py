@@ -75,8 +75,16 @@ def landing(case: Case, which: str) -> tuple[list[float], list[float], float]:
     return complete(x)
 
 
-def told(case: Case, which: str, *, upper: float | None = None, **limits: Any) -> Outcome:
-    starts, levels, end = landing(case, which)
+def told(case: Case, which: str, *, upper: float | None = None, off: float = 0.0, **limits: Any) -> Outcome:
+    """What the checker says of the command, or of one whose unknowns are written so far off."""
+    starts, levels, end = (list(found) if isinstance(found, list) else found for found in landing(case, which))
+    for k, (kind, i, _) in enumerate(FREE[which]):
+        if kind == "level":
+            levels[i] += off * (-1) ** k
+        elif kind == "start":
+            starts[i] -= off
+        else:
+            end += off
     made, highest = case.made(), 9.0
     of = task(
         ["1"], ["1", "0", "0"], written(TARGET), limits=limits.pop("input", (written(-highest), written(highest))),
@@ -90,9 +98,10 @@ def told(case: Case, which: str, *, upper: float | None = None, **limits: Any) -
         "C": [["1", "0"]] * 3,
         "D": ["0"] * 3,
         "outputs": {"v": [["0", "1"]] * 3} if limits.get("deflection") else {},
+        "members": [],
     }
     segments = [(short(start), short(level)) for start, level in zip(starts, levels, strict=True)]
-    witness = command(short(end), segments, FREE[which])
+    witness = command(short(end), segments, FREE[which], "1/1000" if off else "1/1000000")
     return check(certificate(of, upper=short(upper or end + 1e-6), witnesses=(None, witness))).outcome
 
 
@@ -145,3 +154,26 @@ def test_a_command_that_lands_within_every_limit(case: Case, which: str) -> None
     fastest = float(np.abs(course(case, starts, levels, end, straight)[1][:, 1]).max())
     for off, outcome in ((1e-3, Outcome.PROVED), (-1e-3, Outcome.REFUTED)):  # the dense instants miss the peak by less
         assert told(case, which, deflection={"v": short(fastest + off)}, **rate) is outcome
+
+
+@pytest.mark.parametrize("off", [1e-4, -1e-4])
+@pytest.mark.parametrize(("case", "which"), CASES, ids=str)
+def test_what_is_written_is_near_the_command_and_not_the_command(case: Case, which: str, off: float) -> None:
+    """Limits are about the exact command, wherever in its neighbourhood the one written is."""
+    _, levels, end = landing(case, which)
+    rate: dict[str, Any] = RATE.get(which, {})
+    if which == "instants":  # an instant is found to the square of what it is off, here with some factor
+        assert told(case, which, off=off, upper=end + 2e-5) is Outcome.PROVED
+        assert told(case, which, off=off, upper=end - 2e-5) is not Outcome.PROVED
+        return
+    seen = 0
+    for _, i, _ in FREE[which]:
+        for side, most in ((0, min(levels)), (1, max(levels))):
+            sides = [-9.0, 9.0]
+            for further, proved in ((1e-6, True), (-1e-6, False)):
+                sides[side] = most + (further if side else -further)
+                if levels[i] == most:
+                    outcome = told(case, which, off=off, input=(short(sides[0]), short(sides[1])), **rate)
+                    assert outcome is (Outcome.PROVED if proved else Outcome.REFUTED), (i, side, further)
+                    seen += 1
+    assert seen >= 2
