@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib.resources import files
 from typing import Any
 from urllib.parse import quote
@@ -106,8 +107,9 @@ def _cells(record: Mapping[str, Any], row: Mapping[str, Any]) -> list[dict[str, 
     return cells
 
 
+@cache
 def _template(name: str) -> tuple[Template, Markup]:
-    """A template of ours with its filters, and the style sheet."""
+    """A template of ours with its filters, and the style sheet; compiled once, which takes as long as ten pages."""
     folder = files("reports")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     environment.filters |= {

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import pickle
+import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -25,6 +29,31 @@ def verified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("verified") / "evidence"
     verify(load_study(SHIPPED / "two_mass.toml"), folder, jobs=2)
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def charts_drawn_once() -> Iterator[None]:
+    """A chart of data that this process has drawn before comes from memory: drawing is half of the time that a small study takes.
+
+    Equal data gives equal text (test_charts holds the functions themselves, which draw anew), so no other test can tell.
+    """
+    charts = sys.modules.get("reports.charts")  # where no test wants it, matplotlib is not imported for this
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("command_and_response", "sweep", "sensitivity") if charts else ():
+            patch.setattr(charts, name, _remembered(getattr(charts, name)))
+        yield
+
+
+def _remembered(draw: Callable[..., str]) -> Callable[..., str]:
+    drawn: dict[bytes, str] = {}
+
+    def drawing(*arguments: Any, **options: Any) -> str:
+        data = hashlib.sha256(pickle.dumps((arguments, options))).digest()
+        if data not in drawn:
+            drawn[data] = draw(*arguments, **options)
+        return drawn[data]
+
+    return drawing
 
 
 @pytest.fixture

@@ -77,7 +77,8 @@ def landing(case: Case, which: str) -> tuple[list[float], list[float], float]:
 
 def told(case: Case, which: str, *, upper: float | None = None, off: float = 0.0, **limits: Any) -> Outcome:
     """What the checker says of the command, or of one whose unknowns are written so far off."""
-    starts, levels, end = (list(found) if isinstance(found, list) else found for found in landing(case, which))
+    given_starts, given_levels, end = landing(case, which)
+    starts, levels = [*given_starts], [*given_levels]
     for k, (kind, i, _) in enumerate(FREE[which]):
         if kind == "level":
             levels[i] += off * (-1) ** k

@@ -20,6 +20,9 @@ from relaxations.sides import FINER, Proof, concluded, instant_proof, landed, lo
 HELD = (2e-5, 6e-5, 3e-4)
 """How far beyond it a command may go that is to hold in a whole box."""
 
+MANY = 3
+"""So many parameters multiply the cells that a check looks at until it gives up: where it does so on one grid, no finer one is tried."""
+
 SLOPED = 4
 """How many times as dense the grid is where the input's slope is limited: ramps begin and end between its nodes."""
 
@@ -51,7 +54,7 @@ def robust_time(problem: Problem, task: dict[str, Any], settings: Settings, near
             break
         lower = lower_side(found.problem, task, found.solution, found.solution.maneuver_time)
         proof, found = proof.better(upper).better(Proof(lower)), replace(found, problem=tightened.problem, looks=tightened.looks)
-        if proof.gap <= ROBUST or (factor > 1 and proof.upper is None):
+        if proof.gap <= ROBUST or (proof.upper is None and (factor > 1 or _many(found.problem))):
             break
     dual = found and (found.solution or found.below)
     if dual is not None and not dual.reaches:
@@ -81,6 +84,12 @@ def _snap(found: Sampled) -> float:
         if fixed is not None and keeps(found.problem, fixed):
             return snap
     return SNAP
+
+
+def _many(posed: Problem) -> bool:
+    """Whether a box has many parameters, and is no list of plants."""
+    box = posed.maneuver.box
+    return box is not None and len(box.axes) >= MANY and not isinstance(box.family, Listed)
 
 
 def _held(task: dict[str, Any], found: Sampled, settings: Settings) -> tuple[Proof, Sampled]:
