@@ -80,11 +80,9 @@ def minimum_time(problem: Problem, settings: Settings | None = None, near: float
     task = certificates.task(problem)
     if problem.transition is not None and not problem.maneuver.limits.pulsed:
         return varying_time(problem, task, chosen, near, begun)
-    for form, witness in _impossible(problem):
-        content = certificates.certificate(task, {"lower": None, "upper": None, "impossible": form}, witness, None)
-        if check(content).outcome is Outcome.PROVED:
-            nothing = np.zeros(problem.size)
-            return Bound(Status.IMPOSSIBLE, 0.0, None, nothing, None, None, None, 0, time.perf_counter() - begun, certificate=content)
+    if (content := impossibility(problem, task)) is not None:
+        nothing = np.zeros(problem.size)
+        return Bound(Status.IMPOSSIBLE, 0.0, None, nothing, None, None, None, 0, time.perf_counter() - begun, certificate=content)
     if problem.maneuver.limits.held:
         return held_time(problem, task, chosen, near, begun, minimum_time)
     if problem.maneuver.limits.pulsed:
@@ -275,6 +273,16 @@ def _repaired(problem: Problem, task: dict[str, Any], grids: Iterator[tuple[Real
             if (proof := landed(problem, task, solution, snap)) is not None:
                 return proof, solution
     return Proof(), solution
+
+
+def impossibility(problem: Problem, task: dict[str, Any] | None = None) -> bytes | None:
+    """A certificate, accepted by the checker, that no command does the task in any time; None if none was found."""
+    asked = task or certificates.task(problem)
+    for form, witness in _impossible(problem):
+        content = certificates.certificate(asked, {"lower": None, "upper": None, "impossible": form}, witness, None)
+        if check(content).outcome is Outcome.PROVED:
+            return content
+    return None
 
 
 def _impossible(problem: Problem) -> Iterator[tuple[str, dict[str, Any] | None]]:

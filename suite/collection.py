@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import ROUND_FLOOR
 from pathlib import Path
 
 from relaxations.bounds import Status
+from relaxations.onoff.enough import TooLittle, too_little
 from reports.files import write_atomically
 from suite.bound_records import bound_record
 from suite.design import Design, design
 from suite.errors import SuiteError
 from suite.loading import load_study
+from suite.rounding import outward
 from suite.study import Study
 
 
@@ -21,21 +24,36 @@ class CollectionError(SuiteError):
 
 @dataclass(frozen=True, slots=True)
 class Bracketed:
-    """A study with its design; `certificate` is the file that the proof was written to, if any."""
+    """A study with its design; `certificate` is the file that the proof was written to, if any.
+
+    `short` is the most fuel that is proven to be too little, where the study's own budget is, and `proof` the file that says so.
+    """
 
     study: Study
     design: Design
     certificate: Path | None
+    short: TooLittle | None = None
+    proof: Path | None = None
 
     @property
     def impossible(self) -> bool:
         """Whether it is proven that no command does it."""
         return self.design.bound.status is Status.IMPOSSIBLE
 
+    @property
+    def least(self) -> str | None:
+        """What every command needs of fuel, in words, where the study's budget is too little."""
+        if self.short is None:
+            return None
+        needed = f"{outward(self.short.below, ROUND_FLOOR)} {self.study.plant.input_unit or 'input'}·s"
+        return f"least fuel: every command needs {needed} or more, however long it takes (proved)"
+
     def to_dict(self) -> dict[str, object]:
         """The object of `bound --json` (docs/schemas.md)."""
         bound, rest = self.design.bound, float(self.study.plant.initial_input)
         record = bound_record(bound, bound.command, rest, None if self.certificate is None else str(self.certificate))
+        if self.short is not None:
+            record["least_fuel"] = {"lower": self.short.below, "certificate": None if self.proof is None else str(self.proof)}
         made = self.design.cancelled
         return record if made is None else {**record, "prefilter": {**made.to_dict(), "command": made.command.to_dict()}}
 
@@ -52,11 +70,18 @@ def collect(paths: Sequence[Path]) -> list[Path]:
 
 
 def bracket(file: Path, certificate: Path | None = None) -> Bracketed:
-    """Bracket one study's minimum time; what was proven is written to `certificate`. Raises `StudyError`, `OSError`."""
+    """Bracket one study's minimum time; what was proven is written to `certificate`, of the least fuel beside it.
+
+    Raises `StudyError`, `OSError`.
+    """
     study = load_study(file)
     made = design(study)
+    short = too_little(made.problem) if made.bound.status is Status.IMPOSSIBLE else None
     content = made.bound.certificate
-    if certificate is not None and content is not None:
-        write_atomically(certificate, content)
-        return Bracketed(study, made, certificate)
-    return Bracketed(study, made, None)
+    if certificate is None or content is None:
+        return Bracketed(study, made, None, short)
+    write_atomically(certificate, content)
+    proof = None if short is None else certificate.with_name(f"{certificate.name.removesuffix('.json')}.least-fuel.json")
+    if short is not None and proof is not None:
+        write_atomically(proof, short.certificate)
+    return Bracketed(study, made, certificate, short, proof)

@@ -139,6 +139,8 @@ def show_bound(done: Bracketed) -> None:
     study, made, console = done.study, done.design, out()
     console.print(escape(study.title or study.file.name), style="bold")
     _show_bracket(console, done.to_dict())
+    if done.least is not None:
+        console.print(escape(done.least), soft_wrap=True)
     command = made.bound.command
     if command is not None and (made.bound.switches is not None or _short(command)):
         console.print(command_table(command, study.plant.input_unit))
@@ -148,8 +150,9 @@ def show_bound(done: Bracketed) -> None:
     own = made.notes if made.cancelled is not None or made.bound.free is not None else ()
     for note in dict.fromkeys((*study.notes, *own, *made.plant.notes, *made.problem.notes)):
         console.print(f"note: {escape(note)}", soft_wrap=True)
-    if done.certificate is not None:
-        console.print(f"certificate: {escape(str(done.certificate))}", soft_wrap=True)
+    for file in (done.certificate, done.proof):
+        if file is not None:
+            console.print(f"certificate: {escape(str(file))}", soft_wrap=True)
 
 
 def command_table(command: Command, unit: str) -> Table:
