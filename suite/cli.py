@@ -327,16 +327,18 @@ def linearize(
 @click.option("--order", type=click.IntRange(1, 2), default=2, show_default=True, help="Of the body: 2, accelerated; 1, driven by speed.")
 @click.option("--command", "command", type=click.Path(path_type=Path), help="Write that move's command to this file.")
 @click.option("--certificate", type=click.Path(path_type=Path), help="Write the proof of its time to this file.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw sensitivity and step response to this file (.svg).")
+@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="Draw sensitivity and step response to this file (.svg).")
 @click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),
               help="Write it for others: .cfg (Klipper), .g (RepRapFirmware), .h (C).")  # fmt: skip
-@click.option("--save", type=click.Path(path_type=Path), help="Write a shaper file, for `slewcert fmus export`.")
+@click.option("--save", type=click.Path(dir_okay=False, path_type=Path), help="Write a shaper file, for `slewcert fmus export`.")
 @click.option(
     "--reference",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     help="Shape this: a command or spline file (JSON), or a table of samples (CSV; times first).",
 )
-@click.option("--shaped", type=click.Path(path_type=Path), help="Write what becomes of it: .json, or .csv of a spline or samples.")
+@click.option(
+    "--shaped", type=click.Path(dir_okay=False, path_type=Path), help="Write what becomes of it: .json, or .csv of a spline or samples."
+)
 @AS_JSON
 @guarded
 def shaper(

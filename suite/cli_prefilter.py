@@ -73,8 +73,10 @@ def _zeros(text: str) -> tuple[int, ...]:
 @click.option("--sample-time", callback=_parsed(_seconds), metavar="SECONDS", help="Seconds: the delays are multiples of it.")
 @click.option("--zeros", callback=_parsed(_zeros), metavar="NUMBERS|none", help="Which zeros are cancelled; default: all that can be.")
 @click.option("--unbounded", is_flag=True, help="Do not hold the input within the study's limits.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw the input with its tail, and the output, to this file (.svg).")
-@click.option("--save", type=click.Path(path_type=Path), help="Write a filter file, for `slewcert fmus export`.")
+@click.option(
+    "--plot", type=click.Path(dir_okay=False, path_type=Path), help="Draw the input with its tail, and the output, to this file (.svg)."
+)
+@click.option("--save", type=click.Path(dir_okay=False, path_type=Path), help="Write a filter file, for `slewcert fmus export`.")
 @SANDBOX
 @AS_JSON
 @guarded

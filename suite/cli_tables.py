@@ -47,7 +47,7 @@ def table(study: Path, displacements: str, exports: tuple[Path, ...], certificat
 @click.option("--tolerances", metavar="LO:HI:N",
               help="N residuals allowed, fractions of the move, of equal ratio; default: round numbers around the study's.")  # fmt: skip
 @click.option("--widths", metavar="LO:HI:N", help="N equally spaced widths, times the study's ranges; default: 0:1.5:7.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw both to this file (SVG).")
+@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="Draw both to this file (SVG).")
 @click.option("--certificates", type=click.Path(path_type=Path, file_okay=False), help="Write every point's proof into this folder.")
 @SANDBOX
 @AS_JSON
@@ -92,7 +92,7 @@ def tradeoff(study: Path, tolerances: str | None, widths: str | None, plot: Path
               help="The mode that nobody modelled, times the highest frequency.")  # fmt: skip
 @click.option("--held/--no-held", default=None,
               help="Commands held to pulses one way, then the other, and α_crit too; default: with one mode at most.")  # fmt: skip
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw the overview to this file (SVG).")
+@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="Draw the overview to this file (SVG).")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False),
               help="Folder for every picture, a page, and the record; default: NAME-fuel, unless --json or --plot is given.")  # fmt: skip
 @click.option("--certificates", type=click.Path(path_type=Path, file_okay=False), help="Write every point's proof into this folder.")

@@ -36,7 +36,7 @@ SECONDS = _Seconds(0.0)
               help="apart: one thruster closes, another opens; together: one actuator makes every jump.")  # fmt: skip
 @click.option("--samples", type=click.IntRange(2, 1_000_000), default=10_000, show_default=True, help="Draws of the jitter.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw it to this file (SVG).")
+@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="Draw it to this file (SVG).")
 @SANDBOX
 @AS_JSON
 @guarded

@@ -12,7 +12,7 @@ from typing import Any, Literal, ParamSpec, TypeVar
 
 import click
 
-from suite.outputs import refuse_overwriting
+from suite.outputs import refuse_overwriting, refuse_unwritable
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -66,11 +66,13 @@ def user_errors() -> Iterator[None]:
 
 
 def guarded(function: Callable[P, R]) -> Callable[P, R]:
-    """A command whose user's mistakes are told in words, and that overwrites nothing it reads."""
+    """A command whose user's mistakes are told in words, and that overwrites nothing it reads and looks first where it will write."""
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
-        refuse_overwriting(click.get_current_context())
+        context = click.get_current_context()
+        refuse_overwriting(context)
+        refuse_unwritable(context)
         with user_errors():
             return function(*args, **kwargs)
 

@@ -133,7 +133,7 @@ def test_which_mass_is_the_output_does_not_matter_to_a_rest_of_the_state(output:
 # Random plants.
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(12))
 def test_random_maneuvers(seed: int):
     case = random_maneuver(seed)
     posed = case.problem()
@@ -166,7 +166,7 @@ def test_random_maneuvers(seed: int):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(30, 230))
+@pytest.mark.parametrize("seed", range(12, 230))
 def test_many_random_maneuvers(seed: int):
     test_random_maneuvers(seed)
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from marks import slow
 from small_studies import KEEP_ALL, OBSERVED, digests, results, run_table, small_study
 
 from fmus.stepping import Experiment, Outcome, RunStatus
@@ -249,7 +250,7 @@ def damage_log(folder: Path, name: str) -> None:
     path.write_bytes(content)
 
 
-@pytest.mark.parametrize("harm", [forget_row, remove_log, damage_log])
+@pytest.mark.parametrize("harm", [slow(forget_row), slow(remove_log), damage_log])
 def test_resume_makes_what_is_missing_and_nothing_else(
     interrupted: tuple[Path, Path], uninterrupted: tuple[Path, Path], made: Counting, harm: Callable[[Path, str], None]
 ) -> None:

@@ -33,6 +33,17 @@ def test_a_cart_may_stop_at_its_limit_but_not_pass_it_on_the_way() -> None:
     assert moved(there_and_back, "3", "3/4", "3/4") is Outcome.REFUTED
 
 
+def test_where_a_cart_begins_is_known_of_its_first_piece_alone() -> None:
+    """From -1/4 at rest to 3/4, and back to 1/2: the second piece begins somewhere else, and faster."""
+    segments = [("0", "1"), ("1", "-1"), ("5/2", "1")]
+    for limit, outcome in (("37/50", Outcome.REFUTED), ("19/25", Outcome.PROVED)):
+        posed = task(["1"], ["1", "0", "0"], "1/2", limits=("-2", "2"), initial_state=["-1/4", "0"], outputs=PLACE, deflection={"y": limit})
+        assert (
+            check(certificate(posed, upper="3", witnesses=(None, command("3", segments, [["level", 1, 0], ["level", 2, 0]])))).outcome
+            is outcome
+        )
+
+
 def test_a_speed_that_begins_and_rests_at_0_is_limited_all_the_same() -> None:
     speed = {"v": ["1", "0"]}
     assert moved([("0", "1"), ("1", "-1")], "2", "1", "9/10", speed) is Outcome.REFUTED

@@ -38,7 +38,10 @@ HARMLESS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", [slow(name) if name in ("a gap", "huge", "before zero", "some rows twice") else name for name in HARMLESS])
+@pytest.mark.parametrize(
+    "name",
+    [slow(name) if name in ("a gap", "huge", "tiny", "before zero", "after an epoch", "some rows twice") else name for name in HARMLESS],
+)
 def test_what_is_not_wrong_changes_nothing(name: str, tmp_path: Path):
     file = tmp_path / "decay.csv"
     file.write_text(HARMLESS[name])

@@ -1,7 +1,9 @@
-"""Output options: what a command reads is never replaced, and a folder that is a file is refused before anything is computed."""
+"""Output options: what a command reads is never replaced, and what cannot be written is refused before anything is computed."""
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -75,3 +77,48 @@ def test_a_folder_that_is_a_file_is_refused_at_once(study: Path, command: str, o
     assert done.exit_code == 2
     assert "taken' is a file" in done.stderr
     assert taken.read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize(("command", "option"), OPTIONS)
+def test_what_cannot_be_written_is_told_before_anything_is_computed(study: Path, command: str, option: str) -> None:
+    (study.parent / "taken").write_text("mine", encoding="utf-8")
+    (study.parent / "nowhere").symlink_to(study.parent / "absent")
+    for name, why in (
+        ("taken/deep/x.svg", "taken is not a folder"),
+        ("nowhere/x.svg", "nowhere is not a folder"),
+        ("a" * 300 + "/x.svg", "File name too long"),
+    ):
+        before = sorted(study.parent.iterdir())
+        done = CliRunner().invoke(main, [command, str(study), option, str(study.parent / name)], catch_exceptions=False)
+        assert done.exit_code == 2
+        assert option in done.stderr
+        assert why in done.stderr
+        assert sorted(study.parent.iterdir()) == before
+
+
+@pytest.mark.parametrize(("command", "option"), OPTIONS)
+def test_a_folder_without_permission_is_told_at_once(study: Path, command: str, option: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*, dir: Path) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", str(dir))
+
+    monkeypatch.setattr("suite.outputs.tempfile.TemporaryFile", refused)
+    done = CliRunner().invoke(main, [command, str(study), option, str(study.parent / "new" / "x.svg")], catch_exceptions=False)
+    assert done.exit_code == 2
+    assert "cannot be written (Permission denied)" in done.stderr
+    assert not (study.parent / "new").exists()
+
+
+def test_a_device_is_not_replaced(study: Path) -> None:
+    pipe = study.parent / "pipe.svg"
+    os.mkfifo(pipe)
+    done = CliRunner().invoke(main, ["fuel", str(study), "--plot", str(pipe)], catch_exceptions=False)
+    assert done.exit_code == 2
+    assert "neither a file nor a folder" in done.stderr
+    assert pipe.is_fifo()
+
+
+@pytest.mark.parametrize(("command", "option"), [one for one in OPTIONS if one[1] in ("--plot", "--save")])
+def test_a_file_that_is_a_folder_is_refused_at_once(study: Path, command: str, option: str) -> None:
+    done = CliRunner().invoke(main, [command, str(study), option, str(study.parent)], catch_exceptions=False)
+    assert done.exit_code == 2
+    assert "is a directory" in done.stderr

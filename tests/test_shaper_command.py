@@ -50,9 +50,10 @@ KINDS = {
     "custom": ["--impulses", "0:0.25,0.3:0.5,0.7:0.25"],
     "none": [],
 }
+QUICK = {"zv", "ei", "um-zv", "si", "sna-zv", "custom", "none"}  # one of each family; the others are for `make slow`
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [kind if kind in QUICK else slow(kind) for kind in KINDS])
 def test_every_kind_makes_a_shaper_for_two_modes(kind: str):
     found = record(kind, *MODES, *KINDS[kind])
     assert found["times"][0] == 0.0
@@ -91,8 +92,8 @@ def test_one_solution_for_all_modes_is_shorter_than_one_after_the_other():
     assert record("um-zv", *MODES[2:], *MODES[:2], "--simultaneous")["times"] == pytest.approx(both["times"], abs=1e-12)
 
 
-@pytest.mark.parametrize("step", [0.01, 0.025, 0.11])
-@pytest.mark.parametrize("kind", ["zv", "zvd"])
+@pytest.mark.parametrize("step", [slow(0.01), 0.025, 0.11])
+@pytest.mark.parametrize("kind", ["zv", slow("zvd")])
 def test_instants_on_a_sample_grid_leave_nothing(kind: str, step: float):
     found = record(kind, *MODES, "--sample-time", str(step))
     assert np.array(found["times"]) / step == pytest.approx(np.round(np.array(found["times"]) / step), abs=1e-9)

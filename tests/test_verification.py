@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 from click.testing import CliRunner, Result
+from marks import slow
 from small_studies import KEEP_ALL, SHIPPED, digests, results, run_table, small_study
 
 from reports import logs, manifest
@@ -101,7 +102,7 @@ def test_junit_has_a_case_for_each_requirement(verified: Path) -> None:
     assert not [child for case in cases for child in case if child.tag in ("failure", "error", "skipped")]
 
 
-@pytest.mark.parametrize("fmu", ["two_mass.fmi2", "two_mass.fmi3"])
+@pytest.mark.parametrize("fmu", ["two_mass.fmi2", slow("two_mass.fmi3")])  # the latter is what `two_mass` means
 def test_fmi_2_and_3_of_the_plant_give_the_same_results(tmp_path: Path, fmu: str, verified: Path) -> None:
     text = (SHIPPED / "two_mass.toml").read_text().replace('fmu = "two_mass"', f'fmu = "{fmu}"')
     file = tmp_path / "study.toml"
