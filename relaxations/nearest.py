@@ -32,8 +32,9 @@ def nearest(rows: Reals, aims: Reals, exact: Reals, target: Reals, limits: tuple
     """
     cp = programs.modelling()
     half, sizes = (limits[1] - limits[0]) / 2, np.maximum(np.abs(exact).max(axis=1, initial=0.0), np.finfo(float).tiny)
+    size = max(1.0, float(np.abs(aims).max(initial=0.0)))  # of s: tolerances may be small beside the move
     v, s = cp.Variable(rows.shape[1]), cp.Variable()
-    reached = (rows * half) @ v - aims
+    reached = (rows * half / size) @ v - aims / size
     sides: list[Any] = [reached <= s, -reached <= s, v <= limits[1] / half, v >= limits[0] / half]
     summed: list[Any] = [(exact / sizes[:, None]) @ v == target / sizes / half] if len(exact) else []
     program = cp.Problem(cp.Minimize(s), [*sides, *summed])
@@ -41,5 +42,5 @@ def nearest(rows: Reals, aims: Reals, exact: Reals, target: Reals, limits: tuple
     if v.value is None or s.value is None or sides[0].dual_value is None:
         raise SolverError(f"the program of a box has no answer: {program.status}")
     above, below = (np.maximum(np.asarray(side.dual_value), 0.0) for side in sides[:2])
-    sums = np.asarray(summed[0].dual_value) / sizes / half if summed else np.zeros(0)
-    return Nearest(np.clip(v.value * half, *limits), float(s.value), above, below, sums)
+    sums = np.asarray(summed[0].dual_value) * size / sizes / half if summed else np.zeros(0)
+    return Nearest(np.clip(v.value * half, *limits), float(s.value) * size, above, below, sums)
