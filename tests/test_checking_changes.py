@@ -142,3 +142,17 @@ def test_a_level_that_may_be_on_either_side_after_the_change() -> None:
             changes.form(posed, [fmpq(1), fmpq(-1), last])
     with pytest.raises(Refuted, match="level 2"):
         changes.form(posed, [fmpq(1), fmpq(-1), fmpq(1, 4)])
+
+
+def test_the_bend_is_the_largest_of_the_whole_interval() -> None:
+    """p'' = 1/2 + s reaches 2 at 3/2, where p' is still negative."""
+    first, other, w = (3, -4, 0.5, 1), (2.5, -5, 0.25, 0.5), 0.5
+
+    def at(c: tuple[float, ...], s: float) -> tuple[float, float]:
+        return c[0] + c[1] * s + c[2] * s**2 / 2 + c[3] * s**3 / 6, c[1] + c[2] * s + c[3] * s**2 / 2
+
+    (a, falls), (b, also) = at(first, 1), at(other, 1.5)
+    off = max(abs(a), abs(b)) + w / 4 * abs(falls - also) + w * w / 8 * 2
+    steep = -max(at(first, 1.5)[1], at(other, 1.5)[1])
+    (found,) = changes.falling([wave(*first, order=4), wave(*other, order=4)], arb(1), arb(1.5), arb(7))
+    assert 7 * off**2 / (2 * steep) <= float(found.upper()) <= 1.05 * 7 * off**2 / (2 * steep)

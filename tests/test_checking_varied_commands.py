@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from flint import arb
 from forgery import certificate, command, task
 from numpy.typing import NDArray
 from scipy.optimize import fsolve
 from test_checking_varied import INSTANTS, Case, written
 
+from relaxations.checking import varying
 from relaxations.checking.claims import Outcome, check
 
 STEPS = 50  # of Runge and Kutta for each piece: an error of 1e-10
@@ -178,3 +180,29 @@ def test_what_is_written_is_near_the_command_and_not_the_command(case: Case, whi
                     assert outcome is (Outcome.PROVED if proved else Outcome.REFUTED), (i, side, further)
                     seen += 1
     assert seen >= 2
+
+
+def test_the_part_of_a_ball_within_a_step() -> None:
+    for ball, low, high in ((arb(0.5, 0.25), 0.25, 0.75), (arb(0, 0.25), 0, 0.25), (arb(1, 0.25), 0.75, 1), (arb(0.5, 2), 0, 1)):
+        found = varying.inside(ball, arb(1))
+        assert (float(found.lower()), float(found.upper())) == pytest.approx((low, high), abs=1e-8)  # radii have 30 bits
+
+
+@pytest.mark.parametrize("which", ["instants"])
+def test_pulses_of_a_plant_that_varies(which: str) -> None:
+    """Its levels at a limit, two of them: wide enough and few enough, or not."""
+    case = Case(40)
+    starts, levels, end = landing(case, which)
+    low, high = short(min(levels)), short(max(levels))
+    narrow = min(b - a for a, b in pairwise([*starts, end]))
+    partly = {"pulse_width": short(narrow - 1e-3)}
+    assert told(case, which, input=(low, high), **partly) is not Outcome.PROVED  # its third level is no full thrust
+    assert told(case, which, input=(low, high)) is Outcome.PROVED
+
+
+@pytest.mark.parametrize(("limit", "value"), [
+    ("held", "positive, then negative"), ("tail_length", {"time": "1", "within": "1/10"}), ("zero_sensitivity", {"real[1]": "1"}),
+])  # fmt: skip
+def test_what_does_not_go_with_a_plant_that_varies(limit: str, value: Any) -> None:
+    further: dict[str, Any] = {limit: value}
+    assert told(Case(40), "instants", **further) is Outcome.MALFORMED
