@@ -195,7 +195,7 @@ def test_pulses_of_a_plant_that_varies(which: str) -> None:
     starts, levels, end = landing(case, which)
     low, high = short(min(levels)), short(max(levels))
     narrow = min(b - a for a, b in pairwise([*starts, end]))
-    partly = {"pulse_width": short(narrow - 1e-3)}
+    partly: dict[str, Any] = {"pulse_width": short(narrow - 1e-3)}
     assert told(case, which, input=(low, high), **partly) is not Outcome.PROVED  # its third level is no full thrust
     assert told(case, which, input=(low, high)) is Outcome.PROVED
 
