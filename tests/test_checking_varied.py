@@ -180,6 +180,7 @@ def told(case: Case, ramps: list[dict[str, Any]] | None = None, begin: str | Non
     Case(0), Case(1), Case(2, stay=False), Case(3, spring=True, stay=False), Case(4, spring=True, stay=False), Case(5, fuel=True),
     Case(6, fuel=True, stay=False), Case(7, sample_time=Fraction(1, 5)), Case(8, sample_time=Fraction(3, 10), stay=False),
     Case(9, fuel=True, sample_time=Fraction(1, 4)), Case(10, spring=True, stay=False, sample_time=Fraction(1, 8)),
+    Case(12, sample_time=Fraction(21, 20)),
 ], ids=str)  # fmt: skip
 def test_inputs_within_their_limits(case: Case) -> None:
     told(case)
