@@ -25,6 +25,7 @@ FREE = {
     "instants": [["time", 0, 0], ["start", 1, 0]],
     "levels": [["level", 0, 0], ["level", 2, 0]],
     "straight": [["level", 1, 0], ["level", 3, 0]],
+    "pulses": [["start", 1, 0], ["start", 2, 0]],
 }
 
 
@@ -66,11 +67,15 @@ def landing(case: Case, which: str) -> tuple[list[float], list[float], float]:
     def complete(x: Any) -> tuple[list[float], list[float], float]:
         if which == "instants":
             return [0.0, float(x[1]), 1.4], [first + 0.9, first - 0.7, final + 0.3], float(x[0])
+        if which == "pulses":
+            return [0.0, float(x[0]), float(x[1])], [first + 0.9, first - 0.7, final], 2.5
         if which == "levels":
             return [0.0, 0.8, 1.3], [float(x[0]), first + 0.1, float(x[1])], 2.0
         return [0.0, 0.3, 0.9, 1.6], [first, float(x[0]), first + 0.2, float(x[1])], 2.0
 
-    guess = {"instants": [2.0, 0.7], "levels": [first + 0.5, first - 0.5], "straight": [first + 0.5, first - 0.5]}[which]
+    guess = {"instants": [2.0, 0.7], "pulses": [0.8, 1.7], "levels": [first + 0.5, first - 0.5], "straight": [first + 0.5, first - 0.5]}[
+        which
+    ]
     x, _, found, said = fsolve(lambda x: course(case, *complete(x), straight)[1][-1] - [TARGET, 0.0], guess, xtol=1e-13, full_output=True)
     assert found == 1 or "not making good progress" in said
     assert np.abs(course(case, *complete(x), straight)[1][-1] - [TARGET, 0.0]).max() < 1e-9
@@ -88,7 +93,7 @@ def told(case: Case, which: str, *, upper: float | None = None, off: float = 0.0
             starts[i] -= off
         else:
             end += off
-    made, highest = case.made(), 9.0
+    made, highest, changed = case.made(), 9.0, limits.pop("schedule", {})
     of = task(
         ["1"], ["1", "0", "0"], written(TARGET), limits=limits.pop("input", (written(-highest), written(highest))),
         initial_input=written(made["initial_input"]), **limits,
@@ -103,6 +108,7 @@ def told(case: Case, which: str, *, upper: float | None = None, off: float = 0.0
         "outputs": {"v": [["0", "1"]] * 3} if limits.get("deflection") else {},
         "members": [],
     }
+    of["schedule"] |= changed
     segments = [(short(start), short(level)) for start, level in zip(starts, levels, strict=True)]
     witness = command(short(end), segments, FREE[which], "1/1000" if off else "1/1000000")
     return check(certificate(of, upper=short(upper or end + 1e-6), witnesses=(None, witness))).outcome
@@ -168,6 +174,11 @@ def test_what_is_written_is_near_the_command_and_not_the_command(case: Case, whi
     if which == "instants":  # an instant is found to the square of what it is off, here with some factor
         assert told(case, which, off=off, upper=end + 2e-5) is Outcome.PROVED
         assert told(case, which, off=off, upper=end - 2e-5) is not Outcome.PROVED
+        if not case.spring:
+            knots = [*landing(case, which)[0], end]
+            burnt = sum(abs(level) * (b - a) for level, (a, b) in zip(levels, pairwise(knots), strict=True))
+            for further, outcome in ((3e-5, Outcome.PROVED), (-3e-5, Outcome.REFUTED)):
+                assert told(case, which, off=5 * off, upper=end + 1e-2, fuel=short(burnt + further)) is outcome
         return
     seen = 0
     for _, i, _ in FREE[which]:
@@ -188,16 +199,37 @@ def test_the_part_of_a_ball_within_a_step() -> None:
         assert (float(found.lower()), float(found.upper())) == pytest.approx((low, high), abs=1e-8)  # radii have 30 bits
 
 
-@pytest.mark.parametrize("which", ["instants"])
-def test_pulses_of_a_plant_that_varies(which: str) -> None:
-    """Its levels at a limit, two of them: wide enough and few enough, or not."""
-    case = Case(40)
-    starts, levels, end = landing(case, which)
-    low, high = short(min(levels)), short(max(levels))
-    narrow = min(b - a for a, b in pairwise([*starts, end]))
-    partly: dict[str, Any] = {"pulse_width": short(narrow - 1e-3)}
-    assert told(case, which, input=(low, high), **partly) is not Outcome.PROVED  # its third level is no full thrust
-    assert told(case, which, input=(low, high)) is Outcome.PROVED
+def test_pulses_of_a_plant_that_varies() -> None:
+    """Two, at the limits: wide enough and few enough, or not."""
+    case, sides = Case(40), ("-7/10", "9/10")
+    starts, _, _ = landing(case, "pulses")
+    narrow = min(b - a for a, b in pairwise(starts))
+    for limits, outcome in (
+        ({"pulse_width": short(narrow - OFF), "pulses": 2}, Outcome.PROVED),
+        ({"pulse_width": short(narrow + OFF)}, Outcome.REFUTED),
+        ({"pulses": 1}, Outcome.REFUTED),
+    ):
+        further: dict[str, Any] = limits
+        assert told(case, "pulses", input=sides, **further) is outcome
+        assert told(case, "pulses", input=("-1", "9/10"), **further) is Outcome.MALFORMED, "-0.7 is no full thrust then"
+
+
+def test_rests_at_every_instant_of_the_schedule() -> None:
+    """One rest at the target at the last instant, and the same at all; it may be on a limit of the input."""
+    mass, spring = Case(40), Case(44, spring=True)
+    for case, which, change in (
+        (mass, "instants", {"B": [[["0", "1"]] * 2 + [["0", "0"]]]}),  # drifts, whatever the input
+        (mass, "instants", {"A": [[[["0", "1"], ["0", "0"]]] * 2 + [[["0", "0"], ["0", "0"]]]]}),  # rests at any speed
+        (spring, "levels", {"D": [["0", "1", "0"]]}),  # sees the input for a while
+        (spring, "levels", {"D": [["0", "0", "1"]]}),
+    ):
+        ((name, (value,)),) = change.items()
+        assert told(case, which, schedule={name: value}) is Outcome.MALFORMED
+    first = spring.made()["initial_input"]
+    assert told(spring, "levels", input=("-9", short(round(first + TARGET, 6)))) is Outcome.REFUTED, (
+        "it is on a limit, and the command beyond"
+    )
+    assert told(spring, "levels", input=(short(first), "9")) is Outcome.REFUTED
 
 
 @pytest.mark.parametrize(("limit", "value"), [

@@ -74,7 +74,9 @@ def other_start(data: Any) -> None:
 def test_a_command_is_about_its_own_start() -> None:
     for which in ("sampled", "sloping"):
         assert check(changed(certified(which), other_start)).outcome is Outcome.REFUTED
-    assert "x begins at [0, 0, 0.1, 0]" in claim(check(certified("sampled")))
+    said = claim(check(certified("sampled")))
+    assert "x begins at [0, 0, 0.1, 0]" in said
+    assert "the output 'speed' is at these instants the row [0, 1, 0, 0], [0, 1, 0, 0], " in said
 
 
 MALFORMED: dict[str, Callable[[Any], Any]] = {
