@@ -5,8 +5,9 @@ VENV   ?= .venv
 OUT    ?= evidence/two_mass
 STUDY  ?= suite/studies/two_mass.toml
 # three workers on two processors (some tests wait for an FMU to hang); the tests of a file stay together, so that what it sets up is set up once, and
-# files go in their order: by their number of tests, the few long ones would come last, on one worker
-PYTEST_FLAGS ?= -n 3 --dist loadfile --no-loadscope-reorder
+# files go in their order: by their number of tests, the few long ones would come last, on one worker; assertions are taken as they are
+# (rewriting them takes every worker some seconds), and what failed is run once more to say why
+PYTEST_FLAGS ?= -n 3 --dist loadfile --no-loadscope-reorder --assert=plain
 
 BIN := $(VENV)/bin
 # twice quiet: errors only
@@ -25,7 +26,7 @@ verify: env compiler ## set up, run the two-mass study (which builds its plant);
 	$(BIN)/slewcert verify $(STUDY) --out $(OUT) --force
 
 test: env compiler ## set up and run the tests; says which groups it leaves out
-	$(BIN)/pytest $(PYTEST_FLAGS)
+	$(BIN)/pytest $(PYTEST_FLAGS) || { $(BIN)/pytest --last-failed --last-failed-no-failures none; exit 1; }
 
 slow: env compiler ## the tests that take long
 	$(BIN)/pytest -m slow

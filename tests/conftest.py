@@ -72,6 +72,14 @@ GROUPS = ("slow", "foreign", "benchmark")
 _left_out: Counter[str] = Counter()
 
 
+LENGTHY = ("uncertain_roots", "varying", "varying_boxes", "verification", "verified_otherwise", "workers", "zero_sensitivity", "tradeoffs")
+"""Files that take long and stand late in the alphabet: they go first, so that no worker is left with one at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.stem.removeprefix("test_") not in LENGTHY)
+
+
 def pytest_deselected(items: list[pytest.Item]) -> None:
     for item in items:
         _left_out.update(group for group in GROUPS if item.get_closest_marker(group))

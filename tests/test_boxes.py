@@ -44,6 +44,7 @@ def test_a_box_without_width_lies_below_rest_and_comes_to_it():
     assert times[2].lower >= nominal * (1 - 1e-3)
 
 
+@pytest.mark.slow
 def test_a_larger_box_takes_no_less_and_a_larger_tolerance_no_more():
     widths = [robust("1", "0.05", axis("stiffness", width)) for width in ("0", "0.2")]
     tolerances = [robust("1", tolerance, axis("stiffness", "0.2")) for tolerance in ("0.2", "0.05")]

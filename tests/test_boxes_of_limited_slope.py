@@ -152,6 +152,7 @@ LIES: dict[str, Any] = {
 }
 
 
+@pytest.mark.slow
 def test_the_truth_is_believed() -> None:
     assert outcome(lambda data: None) is Outcome.PROVED
     content = opened(bound(SPRING, TENTH, ("-3", "3")).certificate or b"")

@@ -299,6 +299,7 @@ def test_a_plants_files_may_not_shadow_the_shared_ones(folder: Path) -> None:
         build_folder(folder)
 
 
+@pytest.mark.slow
 def test_a_plant_without_twin_and_tangent_builds(cache: Path, folder: Path) -> None:
     (folder / "twin.toml").unlink()
     change(folder / "plant.toml", "tangent = true", "tangent = false")

@@ -77,6 +77,7 @@ def test_a_step_that_hangs_is_ended_long_before_the_run() -> None:
         finished(worker.run(experiment(build("two_mass")), PATIENCE))
 
 
+@pytest.mark.slow
 def test_a_run_of_many_short_steps_may_take_longer_than_one() -> None:
     with Worker(Confinement(step=0.5)) as worker:
         long = experiment(build_fault("flood"), step=0.01, stop=10.0)

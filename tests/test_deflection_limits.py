@@ -63,6 +63,7 @@ def test_the_two_mass_spring_with_a_stiffly_limited_spring() -> None:
     assert 5.3700 < lower < upper < 5.3715
 
 
+@pytest.mark.slow
 def test_a_limit_that_is_not_needed_changes_nothing() -> None:
     free = bound("spring", "5")
     assert free.command is not None
@@ -138,6 +139,7 @@ def test_no_overshoot_of_the_controlled_output_itself() -> None:
     assert (lower, upper) == sides(free)  # which does not overshoot
 
 
+@pytest.mark.slow
 def test_a_lag_that_may_not_overshoot_never_comes_to_rest() -> None:
     # (s + 3)/(s² + 0.4 s + 1) to 3: its zero's own motion ends at 1 and is less than 1 as long as the output is at most 3.
     def bounded(limit: str) -> Bound:

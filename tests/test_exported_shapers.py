@@ -135,6 +135,7 @@ def test_derivatives_of_the_reference_are_honoured(fmus: Fmus, tmp_path: Path) -
 # -- memory ------------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("linear", [False, True])
 def test_the_memory_is_a_ring(linear: bool, tmp_path: Path) -> None:
     """Seven pieces are just enough for 0.58 s in steps of 0.1 s, however long the run; six are not."""

@@ -61,6 +61,7 @@ def test_a_budget_below_the_first_node_leaves_the_fastest_command_in_form() -> N
 NODE = 2 * sqrt(2) * 5 / pi / 2 + 2 * pi / sqrt(2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("displacement", "fuel", "robustness", "time", "gap"),
     [

@@ -38,6 +38,7 @@ HARMLESS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [slow(name) if name in ("a gap", "huge", "tiny", "before zero", "after an epoch", "some rows twice") else name for name in HARMLESS],
@@ -76,6 +77,7 @@ def test_what_is_wrong_is_told(name: str, tmp_path: Path):
     assert [word for word in ("decay.csv", *words) if word not in str(caught.value)] == []
 
 
+@pytest.mark.slow
 def test_how_much_a_fit_leaves_is_told(tmp_path: Path):
     file = tmp_path / "decay.csv"
     file.write_text(table(TIMES, VALUES + np.random.default_rng(3).normal(scale=0.1, size=500)))

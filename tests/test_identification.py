@@ -85,6 +85,7 @@ def test_matrices_are_the_model(name: str) -> None:
         assert found == pytest.approx(top / bottom, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_errors_of_poles_are_standard_errors() -> None:
     """Over many records the true pole lies as often within one, two and three of them as it should."""
     clean, ratios = pulse_of(MODES), []
@@ -102,6 +103,7 @@ def test_errors_of_poles_are_standard_errors() -> None:
     assert max(ratios) < 4.0
 
 
+@pytest.mark.slow
 def test_the_gap_of_the_singular_values_shows_the_order() -> None:
     for plant in PLANTS.values():
         _, values = realize(pulse_of(plant, 1e-9))

@@ -97,6 +97,7 @@ def response(told: Told) -> Array:
     return np.array(rows)[told.logged]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tell", [lines, constants])
 def test_the_error_is_of_fourth_order(tell) -> None:
     steps = [0.4, 0.2, 0.1]

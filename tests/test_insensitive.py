@@ -174,7 +174,7 @@ def test_mistakes_are_named(make, words: list[str]):
     [
         ((0.8, 1.2, 0.05), (0.0, 0.1)),
         slow((1.0, 1.0, 0.05), (0.0, 0.2)),
-        ((0.9, 1.1, 0.02), (0.1, 0.6)),
+        slow((0.9, 1.1, 0.02), (0.1, 0.6)),
         slow((0.7, 1.3, 0.05), (0.05, 0.3)),
     ],
 )
@@ -198,6 +198,7 @@ def test_wrong_dampings_of_a_band_are_named():
         Band(Mode(1.0, 0.15), 0.9, 1.1, 0.05, (0.2, 0.1))
 
 
+@pytest.mark.slow
 def test_a_small_tolerance_over_a_range_of_dampings_is_kept_by_a_shaper_with_derivatives():
     band = Band(Mode(2 * math.pi, 0.05), 0.95, 1.05, 1e-8, (0.04, 0.06))
     found = within([band])

@@ -288,6 +288,7 @@ def test_the_mismatch_of_a_non_linear_plant_is_honest(tmp_path: Path, pendulum: 
     assert least < row["quantities"]["model_mismatch"]["value"] < most
 
 
+@pytest.mark.slow
 def test_feed_through_is_no_mismatch(tmp_path: Path) -> None:
     """At a jump of the input both outputs have the value before it."""
     fmu = linear_fmu("through", [[0.0, 1.0], [-4.0, -0.4]], [0.0, 1.0], [3.0, 0.0], 1.5)

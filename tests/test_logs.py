@@ -151,6 +151,7 @@ def test_checksums_may_not_be_removed() -> None:
         parse_log(data[:end] + bytes(4) + data[end + 4 :])
 
 
+@pytest.mark.slow
 def test_every_cut_file_reads_as_far_as_it_goes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(logs, "CHUNK_BYTES", 700)
     log = sample_log(samples=20)

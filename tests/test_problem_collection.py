@@ -189,6 +189,7 @@ def test_every_certificate_is_verified_in_one_fresh_process(certificates: Path, 
         assert float(record["maneuver_time"]["upper"]) == pytest.approx(upper, rel=1e-15)
 
 
+@pytest.mark.slow
 def test_certificates_are_about_their_own_study(certificates: Path, collection: dict[str, Bracketed]):
     del collection
     certificate = certificates / "two_mass_1.certificate.json"

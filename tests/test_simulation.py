@@ -73,6 +73,7 @@ def test_the_window_and_the_step_come_from_the_linear_plant(command: Path) -> No
     assert stiffer["step"] == pytest.approx(found["step"] / 2.0)
 
 
+@pytest.mark.slow
 def test_convergence_shows_the_order(tmp_path: Path) -> None:
     """Holding a decaying input has an error of fourth order in the step; that of model exchange is in proportion to the tolerance."""
     tailed = write(tmp_path / "tail.json", Command(0.0, (), Tail(0.0, (TailTerm(-1.0 + 2.0j, 0, 1.0 + 0.0j),))))

@@ -88,6 +88,7 @@ def test_says_what_it_wrote_and_for_which_machine(files: Path, tmp_path: Path) -
     assert done.stderr.startswith("built for this machine only; with the Python package ziglang")
 
 
+@pytest.mark.slow
 def test_the_same_file_gives_the_same_bytes(files: Path, tmp_path: Path) -> None:
     for folder in ("one", "other"):
         assert run(files / "move.json", "--fmi", "3", "--out", tmp_path / folder).exit_code == 0

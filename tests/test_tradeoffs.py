@@ -171,6 +171,7 @@ def test_what_is_impossible_or_no_task_is_shown_as_such(tmp_path: Path) -> None:
     assert "no such task" in words
 
 
+@pytest.mark.slow
 def test_a_box_that_is_only_sampled_is_bracketed_and_its_upper_side_bounds_nothing(tmp_path: Path) -> None:
     study = study_file(tmp_path, plant='linearization = "derivatives"')
     done = run("tradeoff", study, "--tolerances", "0.1:0.2:2", "--widths", "0:1:2", "--json")
@@ -223,6 +224,7 @@ def test_a_plant_that_varies_has_no_trade_off() -> None:
     assert "varies while it moves" in done.stderr
 
 
+@pytest.mark.slow
 def test_uncertain_modes_of_numbers_have_widths_too() -> None:
     """A mode within 16.3 % down and 14.0 % up is a stiffness within 30 %: another family of the same plants."""
     record = json.loads(

@@ -103,6 +103,7 @@ def member(plant: LinearPlant, changes: dict[str, float]) -> LinearPlant:
     return LinearPlant.from_transfer([float(c) for c in above], [float(c) for c in below])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "ranges"),
     [

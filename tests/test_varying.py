@@ -116,6 +116,7 @@ def test_many_random_schedules(seed: int) -> None:
     assert not reaches(plant, rest(plant, 2), found.lower * 0.99, (-1.0, 1.5))
 
 
+@pytest.mark.slow
 def test_fuel_is_limited_and_more_of_it_is_never_slower() -> None:
     free, command, _ = proven(posed(HOISTING, 2))
     found = [proven(posed(HOISTING, 2, fuel=fuel))[0] for fuel in ("2.9", "2.2")]

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from forgery import opened
 from independent import StateSpace
+from marks import first
 
 from relaxations import bounds, proofs, sides
 from relaxations.bounds import Bound, Status
@@ -96,6 +97,7 @@ def test_without_a_residual_a_double_zero_is_a_simple_one() -> None:
     assert [term.power for term in none.command.tail.terms] == [0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["real", "pair", pytest.param("double_pair", marks=pytest.mark.slow)])
 def test_repair_respects_the_limit_too(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where nothing can be refined the grid's staircase is repaired, tail included, and both sides are proven by the checker."""
@@ -132,7 +134,7 @@ def same(root: Any, value: complex) -> bool:
     return min(abs(written - value), abs(written - value.conjugate())) < 1e-9
 
 
-@pytest.mark.parametrize("name", ROOTS)
+@pytest.mark.parametrize("name", first(2, ROOTS))
 def test_a_moved_zero_moves_the_output_by_no_more(name: str) -> None:
     """By a thousandth of the shift asked for, in whatever direction: at worst a thousandth of the residual, and in some direction that."""
     zeros, poles, gain, which = ROOTS[name]
