@@ -206,3 +206,11 @@ def test_inputs_of_limited_slope(name: str, spring: bool, fuel: bool) -> None:
     told(case, ramps)
     if ramps[0]["edges"][0] == "0":
         told(case, ramps, "3/20")
+
+
+def test_no_costate_refutes_nothing() -> None:
+    """Both sides are 0, with a ramp too."""
+    case = Case(20, rate=True)
+    made = case.made() | {"costate": np.zeros(2)}
+    for ramps in ([], [{"edges": ["0", "1"], "levels": ["0"]}], [{"edges": ["1/4", "1"], "levels": ["0"]}]):
+        assert check(posed(case, made, Fraction(1), ramps, None)).outcome is not Outcome.PROVED

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import fsolve
 from test_checking_varied import INSTANTS, Case, written
 
-from relaxations.checking import varying
+from relaxations.checking import varying, varying_courses
 from relaxations.checking.claims import Outcome, check
 
 STEPS = 50  # of Runge and Kutta for each piece: an error of 1e-10
@@ -238,3 +238,11 @@ def test_rests_at_every_instant_of_the_schedule() -> None:
 def test_what_does_not_go_with_a_plant_that_varies(limit: str, value: Any) -> None:
     further: dict[str, Any] = {limit: value}
     assert told(Case(40), "instants", **further) is Outcome.MALFORMED
+
+
+@pytest.mark.parametrize("case", [Case(46), Case(47, spring=True)], ids=str)
+def test_a_straight_input_ends_where_it_is_held(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    ends = []
+    monkeypatch.setattr(varying_courses, "prove", lambda *given: ends.append(given[3]))
+    assert told(case, "straight", rate=["-50", "50"]) is Outcome.PROVED
+    assert [float(end) for end in ends] == [TARGET if case.spring else 0.0]
