@@ -76,7 +76,7 @@ markers = ["slow: left out here"]
 source_paths = ["relaxations/checking"]
 do_not_mutate = [
     "*/boxes.py", "*/families.py", "*/motions.py", "*/excursions.py", "*/durations.py", "*/worst.py",
-    "*/*deflections.py", "*/pulse_widths.py",
+    "*/*deflections.py", "*/pulse_widths.py", "*/overshoots.py", "*/varying_boxes.py",
 ]
 also_copy = ["relaxations", "fmus", "reports", "suite", "tests"]
 """
