@@ -129,6 +129,20 @@ def written(value: Any) -> str:
     return str(Fraction(str(value)))
 
 
+def scheduled(case: Case, made: dict[str, Any], outputs: dict[str, Any] | None = None) -> dict[str, Any]:
+    """The members of a task that are about its plant, and where it begins."""
+    schedule = {
+        "instants": [str(x) for x in INSTANTS],
+        "A": [[[written(x) for x in row] for row in a] for a in made["A"]],
+        "B": [[written(x) for x in row] for row in made["B"]],
+        "C": [["1", "0"]] * 3,
+        "D": ["0"] * 3,
+        "outputs": outputs or {},
+        "members": [],
+    }
+    return {"plants": [], "initial_state": None if case.stay else [written(x) for x in made["start"]], "schedule": schedule}
+
+
 def posed(case: Case, made: dict[str, Any], displacement: Fraction, ramps: list[dict[str, Any]], begin: str | None) -> bytes:
     """The certificate of the lower side alone."""
     of = task(
@@ -137,16 +151,7 @@ def posed(case: Case, made: dict[str, Any], displacement: Fraction, ramps: list[
         fuel=None if made["fuel"] is None else written(made["fuel"]), sample_time=str(case.sample_time) if case.sample_time else None,
         rate=[written(x) for x in made["rate"]] if case.rate else None,
     )  # fmt: skip
-    of |= {"plants": [], "initial_state": None if case.stay else [written(x) for x in made["start"]]}
-    of["schedule"] = {
-        "instants": [str(x) for x in INSTANTS],
-        "A": [[[written(x) for x in row] for row in a] for a in made["A"]],
-        "B": [[written(x) for x in row] for row in made["B"]],
-        "C": [["1", "0"]] * 3,
-        "D": ["0"] * 3,
-        "outputs": {},
-        "members": [],
-    }
+    of |= scheduled(case, made)
     chain = {"near": ["0", "0"], "coefficients": [[written(x), "0"] for x in made["costate"]]}
     witness = {
         "costate": [[chain]], "tail": [], "fuel": written(made["price"]), "ramps": ramps, "deflection": [], "after": [],

@@ -13,10 +13,10 @@ from flint import arb
 from forgery import certificate, command, task
 from numpy.typing import NDArray
 from scipy.optimize import fsolve
-from test_checking_varied import INSTANTS, Case, written
+from test_checking_varied import INSTANTS, Case, scheduled, written
 
 from relaxations.checking import varying, varying_courses
-from relaxations.checking.claims import Outcome, check
+from relaxations.checking.claims import Check, Outcome, check
 
 STEPS = 50  # of Runge and Kutta for each piece: an error of 1e-10
 OFF = 1e-6  # by how much a limit is kept, or missed
@@ -82,7 +82,7 @@ def landing(case: Case, which: str) -> tuple[list[float], list[float], float]:
     return complete(x)
 
 
-def told(case: Case, which: str, *, upper: float | None = None, off: float = 0.0, **limits: Any) -> Outcome:
+def asked(case: Case, which: str, *, upper: float | None = None, off: float = 0.0, **limits: Any) -> Check:
     """What the checker says of the command, or of one whose unknowns are written so far off."""
     given_starts, given_levels, end = landing(case, which)
     starts, levels = [*given_starts], [*given_levels]
@@ -98,20 +98,15 @@ def told(case: Case, which: str, *, upper: float | None = None, off: float = 0.0
         ["1"], ["1", "0", "0"], written(TARGET), limits=limits.pop("input", (written(-highest), written(highest))),
         initial_input=written(made["initial_input"]), **limits,
     )  # fmt: skip
-    of |= {"plants": [], "initial_state": None if case.stay else [written(x) for x in made["start"]]}
-    of["schedule"] = {
-        "instants": [str(x) for x in INSTANTS],
-        "A": [[[written(x) for x in row] for row in a] for a in made["A"]],
-        "B": [[written(x) for x in row] for row in made["B"]],
-        "C": [["1", "0"]] * 3,
-        "D": ["0"] * 3,
-        "outputs": {"v": [["0", "1"]] * 3} if limits.get("deflection") else {},
-        "members": [],
-    }
+    of |= scheduled(case, made, {"v": [["0", "1"]] * 3} if limits.get("deflection") else None)
     of["schedule"] |= changed
     segments = [(short(start), short(level)) for start, level in zip(starts, levels, strict=True)]
     witness = command(short(end), segments, FREE[which], "1/1000" if off else "1/1000000")
-    return check(certificate(of, upper=short(upper or end + 1e-6), witnesses=(None, witness))).outcome
+    return check(certificate(of, upper=short(upper or end + 1e-6), witnesses=(None, witness)))
+
+
+def told(case: Case, which: str, **others: Any) -> Outcome:
+    return asked(case, which, **others).outcome
 
 
 def short(x: float) -> str:
@@ -217,14 +212,16 @@ def test_pulses_of_a_plant_that_varies() -> None:
 def test_rests_at_every_instant_of_the_schedule() -> None:
     """One rest at the target at the last instant, and the same at all; it may be on a limit of the input."""
     mass, spring = Case(40), Case(44, spring=True)
-    for case, which, change in (
-        (mass, "instants", {"B": [[["0", "1"]] * 2 + [["0", "0"]]]}),  # drifts, whatever the input
-        (mass, "instants", {"A": [[[["0", "1"], ["0", "0"]]] * 2 + [[["0", "0"], ["0", "0"]]]]}),  # rests at any speed
-        (spring, "levels", {"D": [["0", "1", "0"]]}),  # sees the input for a while
-        (spring, "levels", {"D": [["0", "0", "1"]]}),
-    ):
-        ((name, (value,)),) = change.items()
-        assert told(case, which, schedule={name: value}) is Outcome.MALFORMED
+    none, elsewhere = "no rest at the target, or more than one", "the final rest is none at an instant"
+    changes: list[tuple[Case, str, dict[str, Any], str]] = [
+        (mass, "instants", {"B": [["0", "1"]] * 2 + [["0", "0"]]}, none),  # drifts, whatever the input
+        (mass, "instants", {"A": [[["0", "1"], ["0", "0"]]] * 2 + [[["0", "0"], ["0", "0"]]]}, none),  # rests at any speed
+        (spring, "levels", {"D": ["0", "1", "0"]}, elsewhere),  # sees the input for a while
+        (spring, "levels", {"D": ["0", "0", "1"]}, elsewhere),
+    ]
+    for case, which, change, said in changes:
+        found = asked(case, which, schedule=change)
+        assert (found.outcome, said in found.reason) == (Outcome.MALFORMED, True), found.reason
     first = spring.made()["initial_input"]
     assert told(spring, "levels", input=("-9", short(round(first + TARGET, 6)))) is Outcome.REFUTED, (
         "it is on a limit, and the command beyond"
@@ -232,12 +229,15 @@ def test_rests_at_every_instant_of_the_schedule() -> None:
     assert told(spring, "levels", input=(short(first), "9")) is Outcome.REFUTED
 
 
-@pytest.mark.parametrize(("limit", "value"), [
-    ("held", "positive, then negative"), ("tail_length", {"time": "1", "within": "1/10"}), ("zero_sensitivity", {"real[1]": "1"}),
+@pytest.mark.parametrize(("limit", "value", "said"), [
+    ("held", "positive, then negative", "a plant that varies comes to a rest of its state"),
+    ("tail_length", {"time": "1", "within": "1/10"}, "a tail length belongs to an output rest"),
+    ("zero_sensitivity", {"zero[1]": {"shift": "1/8", "residual": "1/4"}}, "sensitivity to a zero belongs to an output rest"),
 ])  # fmt: skip
-def test_what_does_not_go_with_a_plant_that_varies(limit: str, value: Any) -> None:
+def test_what_does_not_go_with_a_plant_that_varies(limit: str, value: Any, said: str) -> None:
     further: dict[str, Any] = {limit: value}
-    assert told(Case(40), "instants", **further) is Outcome.MALFORMED
+    found = asked(Case(40), "instants", **further)
+    assert (found.outcome, said in found.reason) == (Outcome.MALFORMED, True), found.reason
 
 
 @pytest.mark.parametrize("case", [Case(46), Case(47, spring=True)], ids=str)
