@@ -26,7 +26,7 @@ from relaxations.varying_courses import driven
 Number = Fraction | float
 Numbers = Sequence[Number] | NDArray[np.float64]
 
-FORMAT = "slewcert-certificate/1"
+FORMAT, COST_FORMAT = "slewcert-certificate/1", "slewcert-cost/1"
 HELD = {0: None, 1: "positive, then negative", -1: "negative, then positive"}
 LONGEST_DECIMAL = 60  # digits; longer exact numbers are written as p/q
 
@@ -254,7 +254,23 @@ def certificate(
     upper: dict[str, Any] | None,
 ) -> bytes:
     """Canonical bytes (RFC 8785) with their digest."""
-    content = rfc8785.dumps({"format": FORMAT, "task": task, "claim": claim, "lower": lower, "upper": upper})
-    first = len(rfc8785.dumps({"claim": claim})) - 1  # "digest" comes next to it in canonical order
+    return _digested({"format": FORMAT, "task": task, "claim": claim, "lower": lower, "upper": upper})
+
+
+def cost_certificate(
+    task: dict[str, Any],
+    price: Number,
+    claim: dict[str, Any],
+    pieces: Sequence[tuple[Number, Number, dict[str, Any]]] | None,
+    upper: dict[str, Any] | None,
+) -> bytes:
+    """The same of the cost T + price · fuel; pieces: begin and end of maneuver times [s], and the witness of a costate for these."""
+    lower = pieces and [{"begin": text(begin), "end": text(end), "costate": one["costate"]} for begin, end, one in pieces]
+    return _digested({"format": COST_FORMAT, "task": task, "price": text(price), "claim": claim, "lower": lower, "upper": upper})
+
+
+def _digested(record: dict[str, Any]) -> bytes:
+    content = rfc8785.dumps(record)
+    first = len(rfc8785.dumps({"claim": record["claim"]})) - 1  # "digest" comes next to it in canonical order
     digest = rfc8785.dumps({"digest": hashlib.sha256(content).hexdigest()})
     return content[:first] + b"," + digest[1:-1] + content[first:]

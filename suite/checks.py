@@ -120,6 +120,8 @@ def _difference(found: Check, study: Path, folder: Path | None) -> str:
     assert found.certificate is not None
     written = found.certificate.written["task"]
     other = [name for name in expected if expected[name] != written.get(name)]
+    if found.certificate.price is not None:
+        other.append("price of fuel")
     if folder is not None and asked.plant.fmu is not None:
         import json
 

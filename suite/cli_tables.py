@@ -98,6 +98,8 @@ def tradeoff(study: Path, tolerances: str | None, widths: str | None, plot: Path
 @click.option("--certificates", type=click.Path(path_type=Path, file_okay=False), help="Write every point's proof into this folder.")
 @click.option("--time", "seconds", type=float, metavar="SECONDS",
               help="No sweep: the least fuel of the study's move in at most that time; with --json and --certificates alone.")  # fmt: skip
+@click.option("--alpha", metavar="PRICE",
+              help="No sweep: the least ∫(1 + PRICE |u|) dt of the study's move; with --json and --certificates alone.")  # fmt: skip
 @SANDBOX
 @AS_JSON
 @guarded
@@ -117,6 +119,7 @@ def fuel(
     out: Path | None,
     certificates: Path | None,
     seconds: float | None,
+    alpha: str | None,
     as_json: bool,
 ) -> None:
     """Bracket the minimum time of STUDY for many budgets of fuel, for several kinds of commands, and name the prudent budgets.
@@ -125,7 +128,11 @@ def fuel(
     little, whatever the time, or --time too short, whatever the fuel; 2: bad input.
     """
     if seconds is not None:
-        _at_time(context, study, seconds, certificates, as_json)
+        _alone(context, "--time", (*SWEEPING, "alpha"))
+        _at_time(study, seconds, certificates, as_json)
+    if alpha is not None:
+        _alone(context, "--alpha", SWEEPING)
+        _at_price(study, alpha, certificates, as_json)
     from suite import console, console_tables, fuel_pictures, fuel_plans, fuel_records, fuel_sweeps
     from suite.loading import load_study
 
@@ -152,18 +159,36 @@ def fuel(
 SWEEPING = ("least", "most", "count", "names", "shown", "level", "higher", "held", "plot", "out")  # options of a sweep of budgets
 
 
-def _at_time(context: click.Context, study: Path, seconds: float, certificates: Path | None, as_json: bool) -> NoReturn:
+def _alone(context: click.Context, own: str, others: tuple[str, ...]) -> None:
+    """Refuse other options beside one that asks for one move."""
+    given = {name for name in others if context.get_parameter_source(name) is not ParameterSource.DEFAULT}
+    extra = sorted(option.opts[0] for option in context.command.params if option.name in given)
+    if extra:
+        raise click.UsageError(f"{own} asks for one move, {', '.join(extra)} for something else: give one of them")
+
+
+def _at_time(study: Path, seconds: float, certificates: Path | None, as_json: bool) -> NoReturn:
     """`slewcert fuel --time`."""
     from suite import console_tables, fuel_times
     from suite.loading import load_study
 
-    given = {name for name in SWEEPING if context.get_parameter_source(name) is not ParameterSource.DEFAULT}
-    extra = sorted(option.opts[0] for option in context.command.params if option.name in given)
-    if extra:
-        raise click.UsageError(f"--time asks for one move, {', '.join(extra)} for a sweep of budgets: give one of them")
     done = fuel_times.least_fuel_of(load_study(study), seconds, certificates)
     if as_json:
         print_json(done.to_dict())
     else:
         console_tables.show_fuel_at_time(done)
     sys.exit(FAILED if done.found is None else 0)
+
+
+def _at_price(study: Path, alpha: str, certificates: Path | None, as_json: bool) -> NoReturn:
+    """`slewcert fuel --alpha`."""
+    from suite import console_tables, fuel_costs
+    from suite.loading import load_study
+
+    price = fuel_costs.price("--alpha", alpha)
+    done = fuel_costs.least_cost_of(load_study(study), price, certificates)
+    if as_json:
+        print_json(done.to_dict())
+    else:
+        console_tables.show_fuel_cost(done)
+    sys.exit(0)

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from suite import fuel_text, tradeoff_text
 from suite.console import command_table, escape, out
+from suite.fuel_costs import FuelCost
 from suite.fuel_records import FuelSweep
 from suite.fuel_times import FuelAtTime
 from suite.table_text import table_cells
@@ -73,3 +74,11 @@ def show_fuel_at_time(done: FuelAtTime) -> None:
         console.print(escape(line), soft_wrap=True)
     if done.found is not None and done.found.command is not None:
         console.print(command_table(done.found.command, done.study.plant.input_unit))
+
+
+def show_fuel_cost(done: FuelCost) -> None:
+    """The bracket of the least cost, its dead-zone check, and its command."""
+    console = out()
+    for line in done.lines():
+        console.print(escape(line), soft_wrap=True)
+    console.print(command_table(done.found.command, done.study.plant.input_unit))

@@ -96,7 +96,7 @@ def least_fuel_of(study: Study, time: float, certificates: Path | None = None) -
     """
     if not 0.0 < time < math.inf:
         raise FuelError(f"--time {time!r}: a time in seconds, more than 0 and finite, such as 8.5")
-    _require(study)
+    plain(study)
     posed = pose(replace(study, limits=replace(study.limits, fuel=None)), nominal_plant(study))
     fastest, stem = minimum_time(posed), f"{study.file.stem}.{time!r}"
     proven = fastest.status is Status.PROVED
@@ -112,19 +112,19 @@ def least_fuel_of(study: Study, time: float, certificates: Path | None = None) -
     return FuelAtTime(study, time, fastest, found, posed.rest, files)
 
 
-def _require(study: Study) -> None:
+def plain(study: Study, what: str = "the least fuel at a time") -> None:
     """Raise `StudyError` unless the study moves from rest to state rest by a fastest command within limits of the input alone."""
-    mistakes, limits, why = [], study.limits, "the least fuel at a time is that of limits of the input alone"
+    mistakes, limits, why = [], study.limits, f"{what} is that of limits of the input alone"
     if study.command.kind != "time-optimal":
-        mistakes.append(Mistake("command.kind", study.command.kind, 'the least fuel at a time is that of "time-optimal" commands'))
+        mistakes.append(Mistake("command.kind", study.command.kind, f'{what} is that of "time-optimal" commands'))
     if study.command.robustness == "box":
-        mistakes.append(Mistake("command.robustness", "box", "the least fuel at a time is that of one plant; further zeros are possible"))
+        mistakes.append(Mistake("command.robustness", "box", f"{what} is that of one plant; further zeros are possible"))
     if study.command.tail:
-        mistakes.append(Mistake("command.tail", True, "no budget counts the fuel of a tail"))
+        mistakes.append(Mistake("command.tail", True, "the fuel of a tail does not count"))
     if study.plant.schedule is not None:
-        mistakes.append(Mistake("plant.schedule", ABSENT, "the least fuel at a time is that of plants that do not vary"))
+        mistakes.append(Mistake("plant.schedule", ABSENT, f"{what} is that of plants that do not vary"))
     if study.maneuver.initial_state is not None:
-        mistakes.append(Mistake("maneuver.initial_state", ABSENT, "the least fuel at a time is that of a move from rest"))
+        mistakes.append(Mistake("maneuver.initial_state", ABSENT, f"{what} is that of a move from rest"))
     limited = [key for key in ("rate", "pulse_width", "pulses", "sample_time") if getattr(limits, key) is not None]
     mistakes += [Mistake(f"limits.{key}", ABSENT, why) for key in limited]
     if mistakes:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from math import pi, sqrt
@@ -103,25 +105,87 @@ def test_a_command_with_other_switches_is_extremal_for_no_price() -> None:
     assert extremal_prices(posed(5.0), wrong) is None
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("price", "number"), [(0.5, 1), (3.0, 2)])
-def test_the_weighted_cost_is_bracketed_at_its_nodes(price: float, number: int) -> None:
-    found = weighted(posed(5.0), price)
-    best = node(5.0, number)
-    cost = best.maneuver_time + price * best.fuel()
+def rigid(displacement: str, lower: int, upper: int) -> Problem:
+    return problem([transfer([1], [1, 0, 0])()], Maneuver(exact(displacement), Limits.of(lower, upper)))
+
+
+# One mass: a pulse, a coast, a pulse. With the speed v between them T = d/v + v (1/a + 1/b)/2, and the fuel is 2 v.
+@pytest.mark.parametrize(("displacement", "lower", "upper", "price"), [("1", -1, 2, "1"), ("5", -1, 1, "0.25"), ("-3", -2, 1, "4")])
+def test_a_mass_has_its_least_cost_in_closed_form(displacement: str, lower: int, upper: int, price: str) -> None:
+    found = weighted(rigid(displacement, lower, upper), Fraction(price))
+    cost = 2.0 * sqrt(abs(float(displacement)) * ((1 / upper - 1 / lower) / 2 + 2 * float(price)))
     assert found.lower is not None
-    assert found.lower <= cost <= found.upper * (1 + 1e-12)
-    assert found.upper / found.lower - 1.0 <= 1.1e-3
-    assert found.upper <= cost * (1 + 1e-6)
+    assert found.upper is not None
+    assert found.lower <= cost * (1 + 1e-15)
+    assert found.upper >= cost * (1 - 1e-15)
+    assert found.gap is not None
+    assert found.gap <= 1.1e-9
+    assert found.extremal
+    assert found.certificate is not None
+    checked = check(found.certificate)
+    assert checked.outcome is Outcome.PROVED
+    assert checked.to_dict()["price"] == price
+    assert checked.to_dict()["maneuver_time"] is None  # nothing is said of the time
+
+
+def test_an_independent_program_knows_no_cheaper_command() -> None:
+    # Staircases are commands: at every T the least fuel of one (state space, HiGHS) costs what the lower side says or more.
+    found = weighted(posed(1.0), Fraction(1, 2))
+    assert found.lower is not None
+    assert found.upper is not None
+    costs = []
+    for time in (4.4, 4.6, found.command.maneuver_time, 4.9, 5.3):
+        limited = Limited(SPRING(), 1.0, -1.0, 1.0)
+        fuel = least(limited, time, 120)
+        costs.append(time + 0.5 * fuel)
+    assert min(costs) >= found.lower
+    assert costs[2] <= found.upper * (1 + 1e-3)  # as close as the grid is
+    assert found.upper <= found.lower * (1 + 1.1e-9)
+
+
+def least(limited: Limited, time: float, cells: int) -> float:
+    """The least fuel of a staircase, by halving what it may burn."""
+    low, high = 0.0, time
+    for _ in range(30):
+        middle = (low + high) / 2
+        low, high = (low, middle) if replace(limited, fuel=middle).fraction(time, cells) >= 1.0 else (middle, high)
+    return high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("price", "number"), [("0.5", 1), ("3", 2), ("0.1", 1)])
+def test_the_weighted_cost_is_bracketed_at_its_nodes(price: str, number: int) -> None:
+    found = weighted(posed(5.0), Fraction(price))
+    best = node(5.0, number)
+    cost = best.maneuver_time + float(price) * best.fuel()
+    assert found.lower is not None
+    assert found.upper is not None
+    assert found.lower <= cost * (1 + 1e-15)
+    assert cost * (1 - 1e-15) <= found.upper
+    assert found.upper / found.lower - 1.0 <= 1e-6  # the command is repaired there, and the costates are not unique
     assert found.extremal
     four = minimum_time(posed(5.0, "4"))
-    assert found.minimises(four.lower + price * 4.0) is False
+    assert found.minimises(four.lower + float(price) * 4.0) is False
     assert found.minimises(found.upper) is True
-    for _, bound in found.bounds:
-        assert bound.certificate is not None
-        assert check(bound.certificate).outcome is Outcome.PROVED
+    assert found.certificate is not None
+    assert check(found.certificate).outcome is Outcome.PROVED
 
 
-def test_a_price_that_is_none_is_refused() -> None:
+@pytest.mark.parametrize("price", ["0", "-1"])
+def test_a_price_that_is_none_is_refused(price: str) -> None:
     with pytest.raises(ManeuverError, match="more than 0"):
-        weighted(posed(5.0), 0.0)
+        weighted(posed(5.0), Fraction(price))
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        lambda: problem([SPRING()], Maneuver(exact("5"), Limits.of(-1, 1, None, {}, ("-1", "1")))),
+        lambda: problem([SPRING()], Maneuver(exact("5"), replace(Limits.of(-1, 1), held=1))),
+        lambda: problem([SPRING()], Maneuver(exact("5"), Limits.of(-1, 1), sample_time=Fraction(1, 4))),
+        lambda: problem([transfer([1], [1, 0, 1])()], Maneuver(exact("0.5"), Limits.of(-1, 1))),
+    ],
+)
+def test_other_tasks_have_no_weighted_cost(asked: Callable[[], Problem]) -> None:
+    with pytest.raises(ManeuverError):
+        weighted(asked(), Fraction(1, 2))

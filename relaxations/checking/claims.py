@@ -12,7 +12,7 @@ from typing import Any
 import flint
 from flint import fmpq
 
-from relaxations.checking import changes, courses, lower, members, ramps, upper, varying, varying_boxes
+from relaxations.checking import changes, costs, courses, lower, members, ramps, upper, varying, varying_boxes
 from relaxations.checking.balls import system, work
 from relaxations.checking.reading import Malformed, Refuted, Undecided, read
 
@@ -53,7 +53,10 @@ class Check:
             if self.outcome is Outcome.PROVED:
                 sides = self.certificate.claim
                 proven = {"lower": rounded(sides.lower, ROUND_FLOOR), "upper": rounded(sides.upper, ROUND_CEILING)}
-                record |= {"maneuver_time": None, "impossible": True} if sides.impossible else {"maneuver_time": proven}
+                if self.certificate.price is not None:
+                    record |= {"maneuver_time": None, "price": self.certificate.written["price"], "cost": proven}
+                else:
+                    record |= {"maneuver_time": None, "impossible": True} if sides.impossible else {"maneuver_time": proven}
         return record | ({"reason": self.reason} if self.reason else {})
 
 
@@ -69,6 +72,10 @@ def check(content: bytes) -> Check:
         for bits in BITS:
             flint.ctx.prec, flint.ctx.cap = bits, TERMS
             try:
+                if certificate.price is not None:
+                    _priced(certificate)
+                    outcome, reason = Outcome.PROVED, ""
+                    break
                 varying.sensible(certificate.task)
                 if certificate.task.schedule is not None:
                     (varying_boxes if box else varying).prove(certificate)
@@ -100,6 +107,17 @@ def check(content: bytes) -> Check:
     finally:
         flint.ctx.prec, flint.ctx.cap = outside
     return Check(outcome, reason, certificate, bits, time.perf_counter() - begun)
+
+
+def _priced(certificate: SimpleNamespace) -> None:
+    """Prove what a certificate says of a cost; raises `Malformed`, `Refuted` or `Undecided`."""
+    costs.sensible(certificate)
+    courses.sensible(certificate.task)
+    posed, claimed, price = system(certificate.task), certificate.claim, certificate.price
+    if claimed.lower is not None:
+        costs.prove(posed, price, certificate.lower, claimed.lower, lower.support)
+    if claimed.upper is not None:
+        upper.cheap(posed, certificate.upper, price, claimed.upper)
 
 
 def rounded(value: fmpq | None, rounding: str) -> str | None:
@@ -164,10 +182,14 @@ def claim(found: Check) -> str:
         moved = f"moves the output by at most {pair['residual']} of the displacement"
         lines.append(f"  The tail at {name} (zeros by ascending magnitude) {moved}")
         lines.append(f"  if that zero lies elsewhere, by up to {pair['shift']} of its magnitude; to first order in that distance.")
-    words = [f"{who} does this in any time"] if sides.impossible else []
+    price = found.certificate.price
+    if price is not None:
+        burnt = f"∫|u(t) - {task['initial_input']}| dt"
+        lines.append(f"Cost: T + {found.certificate.written['price']} {burnt}, in seconds, the integral from 0 to T. T is free.")
+    words = [f"{who} does this in any time"] if price is None and sides.impossible else []
     if sides.lower is not None:
-        words.append(f"{who} does this in less than {rounded(sides.lower, ROUND_FLOOR)} s")
+        words.append(f"{who} does this {'in' if price is None else 'at a cost of'} less than {rounded(sides.lower, ROUND_FLOOR)} s")
     if sides.upper is not None:
-        words.append(f"one does it in at most {rounded(sides.upper, ROUND_CEILING)} s")
+        words.append(f"one does it {'in' if price is None else 'at a cost of'} at most {rounded(sides.upper, ROUND_CEILING)} s")
     heading = "Claim" if found.outcome is Outcome.PROVED else "Not proven"
     return "\n".join([*lines, f"{heading}: {'; '.join(words)}."])

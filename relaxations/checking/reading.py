@@ -184,6 +184,10 @@ UPPER = {"maneuver_time": real, "segments": SEGMENTS, "tail": CHAINS, "free": FR
 CRITERIA = {"face", "remainder", "fuel", "final", "overshoot"}
 CLAIM = {"lower": (None, real), "upper": (None, real), "impossible": (None, CRITERIA)}
 SCHEMA = {"format": {"slewcert-certificate/1"}, "task": TASK, "claim": CLAIM, "lower": (None, LOWER), "upper": (None, UPPER)}
+# Of the cost `T + price ∫ |u| dt` instead: sides of its least value [s], and for maneuver times from 0 on a costate each
+PIECES: list[Any] = [{"begin": real, "end": real, "costate": [CHAINS, 1, 1]}, 0, 5000]
+SIDES = {"lower": (None, real), "upper": (None, real)}
+COST = {"format": {"slewcert-cost/1"}, "task": TASK, "price": real, "claim": SIDES, "lower": (None, PIECES), "upper": (None, UPPER)}
 
 
 def shaped(data: Any, shape: Any, where: str) -> Any:
@@ -206,8 +210,8 @@ def shaped(data: Any, shape: Any, where: str) -> Any:
     return shape(data, where)
 
 
-def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
-    """What the schema cannot say; raises `Malformed`."""
+def sensible(task: Any) -> None:
+    """What the schema cannot say of a task; raises `Malformed`."""
     for plant in task.plants:
         numerator, denominator = plant.numerator, plant.denominator
         fine = len(numerator) <= len(denominator) and denominator[0] == 1 and numerator[0] != 0 != numerator[-1]
@@ -233,6 +237,11 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     require(fine, "a sample time belongs to a state rest, and is more than 0")
     fine = all(task.rest == "output" and shift > 0 <= residual for shift, residual in task.limits.zero_sensitivity.values())
     require(fine, "sensitivity to a zero belongs to an output rest: a shift of more than 0, a residual of 0 or more")
+    require(task.limits.fuel is None or task.limits.fuel > 0, "a budget of fuel is more than 0")
+
+
+def witnessed(task: Any, claim: Any, lower: Any, upper: Any) -> None:
+    """What the schema cannot say of a claim and its witnesses; raises `Malformed`."""
     sides = [side for side in (claim.lower, claim.upper) if side is not None]
     require(bool(sides) != (claim.impossible is not None), "a claim has sides, or says that the task is impossible")
     require(all(side >= 0 for side in sides), "a maneuver time is not negative")
@@ -251,15 +260,20 @@ def sensible(task: Any, claim: Any, lower: Any, upper: Any) -> None:
     )
     require(task.box is not None or not lower or not lower.samples, "samples of a box that the task does not have")
     require(task.box is None or not lower or not lower.deflection, "multipliers of outputs are those of the box's plants")
-    require(task.limits.fuel is None or task.limits.fuel > 0, "a budget of fuel is more than 0")
     for press in (*lower.deflection, *(press for sample in samples for press in sample.deflection)) if lower else ():
         require(press.output in task.limits.deflection, f"a multiplier of the output {press.output}, which is not limited")
         require(0 <= press.begin <= press.end, "the multiplier of an output acts over times to go from 0 on, that ascend")
     fine = not lower or lower.fuel == 0 or (task.limits.fuel is not None and lower.fuel > 0)
     require(fine, "the multiplier of the fuel is not negative, and belongs to a budget")
-    if upper:
-        begins = upper.segments[0].start == 0 < upper.maneuver_time if upper.segments else upper.maneuver_time == 0
-        require(begins and upper.radius > 0, "a move with segments begins at 0 and lasts longer than 0, and the radius is positive")
+    commanded(upper)
+
+
+def commanded(upper: Any) -> None:
+    """What the schema cannot say of a command, if there is one; raises `Malformed`."""
+    if upper is None:
+        return
+    begins = upper.segments[0].start == 0 < upper.maneuver_time if upper.segments else upper.maneuver_time == 0
+    require(begins and upper.radius > 0, "a move with segments begins at 0 and lasts longer than 0, and the radius is positive")
 
 
 def canonical(data: Any) -> bytes:
@@ -278,6 +292,11 @@ def read(content: bytes) -> SimpleNamespace:
     require(same, "no object in canonical form (RFC 8785)")
     digest = hashlib.sha256(canonical({name: value for name, value in data.items() if name != "digest"})).hexdigest()
     require(data.get("digest") == digest, "the digest does not belong to the content")
-    certificate = shaped(data, {**SCHEMA, "digest": {digest}}, "certificate")
-    sensible(certificate.task, certificate.claim, certificate.lower, certificate.upper)
-    return SimpleNamespace(**vars(certificate), written=data)
+    priced = data.get("format") == "slewcert-cost/1"
+    certificate = shaped(data, {**(COST if priced else SCHEMA), "digest": {digest}}, "certificate")
+    sensible(certificate.task)
+    if priced:
+        commanded(certificate.upper)
+    else:
+        witnessed(certificate.task, certificate.claim, certificate.lower, certificate.upper)
+    return SimpleNamespace(**{"price": None, **vars(certificate)}, written=data)

@@ -14,7 +14,7 @@ from typing import Any
 
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes, changes, courses, ramps
+from relaxations.checking import boxes, changes, costs, courses, ramps
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -224,6 +224,17 @@ def pulsed(task: Any, command: Sequence[Number], n: int, free: Sequence[Any]) ->
 
 def prove(system: System, witness: Any, time: fmpq) -> None:
     """Prove that an admissible command of at most `time` seconds exists; raises `Refuted` or `Undecided`."""
+    at_most(admissible(system, witness)[0], time, "the command takes no longer than claimed")
+
+
+def cheap(system: System, witness: Any, price: fmpq, cost: fmpq) -> None:
+    """Prove that an admissible command exists which costs at most `cost`, its fuel priced; raises `Refuted` or `Undecided`."""
+    command = admissible(system, witness)
+    at_most(costs.within(system, price, command, len(witness.segments)), cost, "the command costs no more than claimed")
+
+
+def admissible(system: System, witness: Any) -> list[Number]:
+    """The command of a witness, proven to be within all limits; raises `Refuted` or `Undecided`."""
     n = len(witness.segments)
     command = solve(system, n, witness)
     for i, (before, after) in enumerate(pairwise([*command[1 : n + 1], command[0]]), 1):
@@ -251,4 +262,4 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
         at_most(abs(acb(*(arb(command[2 * n + 1 + place]) for place in places))), cap, "the tail is insensitive to a zero's place")
     if system.task.box is not None:
         boxes.prove(system, command, n)
-    at_most(command[0], time, "the command takes no longer than claimed")
+    return command

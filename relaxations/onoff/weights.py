@@ -8,62 +8,82 @@ the prices for which they can be met are an interval, or none. `extremal_prices`
 command that is the fastest within its budget is extremal for one price, at which its neighbours on either side cost less. Only the nodes
 (and the fastest command) minimise J, and only a bound of all commands says so.
 
-*Bound.* No command that burns U at most is faster than T(U), proven. So with budgets U_0 > U_1 > … such that `T(U_k) + α U_(k+1)` is some
-target (the first T that of all commands), until T(U_k) alone is as much, no command costs less than the target: for all that burn more than
-U_(k+1), and no more than U_k, `J ≥ T(U_k) + α U_(k+1)`. The certificates are those of minimum times within budgets.
+*Bound.* At a given T the least fuel is a linear program, whose costate bounds the cost of all commands that take about as long: costates
+for all times up to the cost (`relaxations.onoff.covers`) refute every command that is cheaper. They and the command are one certificate,
+about the cost itself.
 """
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from relaxations import certificates
 from relaxations.bounds import Bound, Status
+from relaxations.checking.claims import Outcome, check
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError
 from relaxations.maneuvers import Problem
+from relaxations.onoff.covers import cover, least_at, saved
 from relaxations.onoff.duals import Looks
-from relaxations.onoff.spent import least_fuel_at, within
+from relaxations.onoff.spent import within
 from relaxations.proofs import minimum_time
+from relaxations.sides import rounded
 
 Reals = NDArray[np.float64]
+Pieces = list[tuple[Fraction, Fraction, dict[str, Any]]]  # begin and end of maneuver times [s], and a costate's witness
 
 SAMPLES = 4000  # of the costate
 SLACK = 1e-9  # of the prices' scale: how exactly the switches are met
 THIN = 1e-5  # of the duration, or the input's range: what is so small is none
-CLOSE = 1e-3  # of the cost: how far below that of the best command the target is
-SCANNED, ROUNDS = 48, 40  # times at which the least fuel is computed first, and steps of the search around the best of them
-LONGEST = 4.0  # times the fastest move: beyond that the scan goes on only while it pays
-MOST = 400  # budgets
+CLOSE = (1e-15, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9)  # beyond what a command costs in floating point, where that is claimed (relative)
+MARGINS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)  # … and beneath the least cost that was found
+BEYOND = (0.0, 1e-10, 1e-9, 1e-8)  # how far beyond the cheapest fuel a budget is (relative)
+SCANNED, ROUNDS = 24, 36  # times at which the least fuel is computed first, and steps of the search around the best of them
+BESIDE = (1e-6, 1e-5, 1e-4, 1e-3)  # … and times beside the fastest move (relative), for small prices
+SETTLED = 1e-10  # of the time: bounds of the best one that are closer are as good as one
+LONGEST = 4.0  # times the fastest move: nothing is scanned beyond
 
 
 @dataclass(frozen=True, slots=True)
 class Weighted:
-    """A bracket of the least `T + α fuel` [s]: `lower` is proven by `bounds`, each a minimum time within a budget (None: it is not proven);
-    `upper` is what `command` costs, proven too; `prices` is the interval of α for which it is extremal (None: for none)."""
+    """A bracket of the least `T + α fuel` [s] for a `price` α.
 
-    price: float
+    `lower` and `upper` are proven by `certificate`; None is a side that is not, of `upper` then `computed` is what the command costs in
+    floating point. `prices` is the interval of α for which the command is extremal (None: for none).
+    """
+
+    price: Fraction
     lower: float | None
-    upper: float
+    upper: float | None
+    computed: float
     command: Command
-    bounds: tuple[tuple[Fraction, Bound], ...]
     prices: tuple[float, float] | None
+    certificate: bytes | None
+
+    @property
+    def gap(self) -> float | None:
+        """`upper/lower - 1`; None if a side is missing."""
+        return None if self.lower is None or self.upper is None else self.upper / self.lower - 1.0
 
     def minimises(self, cost: float) -> bool | None:
         """Whether a command of this cost [s] is a minimiser, to within the bracket: False: proven that it is none; None: not decided."""
-        if cost > self.upper:
+        if self.upper is not None and cost > self.upper:
             return False
-        return None if self.lower is None else bool(cost <= self.upper)
+        return None if self.lower is None or self.upper is None else True
 
     @property
     def extremal(self) -> bool:
         """Whether the command passes the check of the maximum principle for this price."""
-        return self.prices is not None and self.prices[0] * (1.0 - 1e-4) <= self.price <= self.prices[1] * (1.0 + 1e-4)
+        price = float(self.price)
+        return self.prices is not None and self.prices[0] * (1.0 - 1e-4) <= price <= self.prices[1] * (1.0 + 1e-4)
 
 
 def extremal_prices(problem: Problem, command: Command) -> tuple[float, float] | None:
@@ -129,56 +149,111 @@ def _outline(problem: Problem, command: Command) -> tuple[list[float], Reals]:
     return starts, np.array(sides)
 
 
-def weighted(problem: Problem, price: float, close: float = CLOSE) -> Weighted:
-    """Bracket the least `T + α fuel` of moves from rest to state rest, of the form that the problem holds; its own budget does not count.
+def weighted(problem: Problem, price: Fraction) -> Weighted:
+    """Bracket the least `T + α fuel` of moves from rest to state rest, within limits of the input alone; its own budget does not count.
 
-    `close` is the relative gap that is aimed at. Raises `ManeuverError` for a price that is none.
+    Raises `ManeuverError` for a price that is none, for another task, and where no fastest command is proven.
     """
-    if not price > 0.0:
-        raise ManeuverError(f"a price of fuel is more than 0, not {price!r}; at 0 it is the minimum time")
-    free = minimum_time(within(problem, None))
-    if free.upper is None or free.command is None or free.status is not Status.PROVED:
+    if not price > 0:
+        raise ManeuverError(f"a price of fuel is more than 0, not {float(price)!r}; at 0 it is the minimum time")
+    _require(problem)
+    posed, alpha = within(problem, None), float(price)
+    free = minimum_time(posed)
+    if free.upper is None or free.command is None or free.status is not Status.PROVED or free.certificate is None:
         raise ManeuverError(f"the minimum time is not proven: {free.reason or free.status.value}")
-    most = free.command.fuel(problem.rest)
-    best, cost = free.command, free.upper + price * most
-    fuel = _best_fuel(within(problem, None), price, free.upper, cost)
-    if fuel is not None and (found := minimum_time(within(problem, Fraction(fuel * (1.0 + 1e-9))))).status is Status.PROVED:
-        spent = (found.upper or np.inf) + price * fuel * (1.0 + 1e-9)
-        best, cost = (found.command, spent) if found.command is not None and spent < cost else (best, cost)
-    target, time, bounds = cost * (1.0 - close), free.lower, list[tuple[Fraction, Bound]]()
-    while time < target and len(bounds) < MOST:
-        budget = Fraction(float(np.nextafter((target - time) / price, np.inf)))  # not less than what the target asks for
-        if bounds and budget >= bounds[-1][0]:
-            break
-        bounds.append((budget, found := minimum_time(within(problem, budget))))
-        if found.status is Status.IMPOSSIBLE:
-            time = np.inf
-        elif found.status is Status.PROVED and found.lower >= time:
-            time = found.lower
-        else:
-            break
-    lower = float(target) if time >= target else None
-    return Weighted(price, lower, float(cost), best, tuple(bounds), extremal_prices(problem, best))
+    cheapest, fuel = _best(posed, alpha, free.upper, free.upper + alpha * free.command.fuel(posed.rest))
+    bounds = [free, *([] if fuel is None else _bounds(posed, alpha, cheapest, fuel))]
+    task = certificates.task(posed)
+    costs = [alpha * bound.command.fuel(posed.rest) + (bound.upper or 0.0) for bound in bounds if bound.command is not None]
+    at = int(np.argmin(costs))
+    best, cost = bounds[at], costs[at]
+    assert best.command is not None
+    upper, witness = _above(task, price, best, cost)
+    lower, pieces = _below(posed, task, price, min(cheapest, cost))
+    claim = {"lower": lower and certificates.text(lower), "upper": upper and certificates.text(upper)}
+    content = certificates.cost_certificate(task, price, claim, pieces, witness) if lower or upper else None
+    below, above = None if lower is None else rounded(lower, -np.inf), None if upper is None else rounded(upper, np.inf)
+    return Weighted(price, below, above, float(cost), best.command, extremal_prices(posed, best.command), content)
 
 
-def _best_fuel(problem: Problem, price: float, fastest: float, cost: float) -> float | None:
-    """The fuel at which `T + α U(T)` is least, in floating point."""
+def _bounds(problem: Problem, price: float, cheapest: float, fuel: float) -> list[Bound]:
+    """Proven minimum times within about the cheapest fuel, until one costs hardly more: just enough of it has few commands."""
+    found: list[Bound] = []
+    for more in BEYOND:
+        bound = minimum_time(within(problem, Fraction(fuel * (1.0 + more))), near=cheapest - price * fuel)
+        if bound.status is Status.PROVED and bound.command is not None and bound.upper is not None:
+            found.append(bound)
+            if bound.upper + price * fuel <= cheapest * (1.0 + MARGINS[0]):
+                break
+    return found
 
-    def at(time: float) -> float:
-        fuel = least_fuel_at(problem, time)
-        return np.inf if fuel is None else time + price * fuel
+
+def _require(problem: Problem) -> None:
+    limits = problem.maneuver.limits
+    limited = problem.courses or problem.rate is not None or limits.pulsed or limits.held or problem.maneuver.sample_time is not None
+    if limited or problem.tail.size or problem.residuals is not None or problem.begin is not None or problem.transition is not None:
+        raise ManeuverError("fuel is weighted against time for moves from rest to state rest, within limits of the input alone")
+    if problem.hold:
+        raise ManeuverError("a plant that its input holds at the target burns fuel for ever: no price of it makes sense")
+
+
+def _above(task: dict[str, Any], price: Fraction, bound: Bound, cost: float) -> tuple[Fraction | None, dict[str, Any] | None]:
+    """The least cost that the checker accepts of a command, and its witness; None if it accepts none."""
+    witness = json.loads(bound.certificate or b"null")["upper"]
+    for margin in CLOSE:
+        claimed = Fraction(cost * (1.0 + margin))
+        content = certificates.cost_certificate(task, price, {"lower": None, "upper": certificates.text(claimed)}, None, witness)
+        if check(content).outcome is Outcome.PROVED:
+            return claimed, witness
+    return None, None
+
+
+def _below(problem: Problem, task: dict[str, Any], price: Fraction, cost: float) -> tuple[Fraction | None, Pieces | None]:
+    """The largest cost of which the checker accepts that no command costs less, and its witness; None if there is none."""
+    for margin in MARGINS:
+        claimed = Fraction(cost * (1.0 - margin))
+        found = cover(problem, float(price), float(claimed) * (1.0 + margin / 4.0))
+        if found is None:
+            continue
+        ends = [Fraction(piece.end) for piece in found]
+        begins = [Fraction(0), *ends[:-1]]
+        witnesses = [certificates.costate_witness(problem, piece.costate) for piece in found]
+        pieces = list(zip(begins, ends, witnesses, strict=True))
+        content = certificates.cost_certificate(task, price, {"lower": certificates.text(claimed), "upper": None}, pieces, None)
+        if check(content).outcome is Outcome.PROVED:
+            return claimed, pieces
+    return None, None
+
+
+def _best(problem: Problem, price: float, fastest: float, cost: float) -> tuple[float, float | None]:
+    """The least `T + α U(T)` in floating point, U the least fuel, and that fuel; of the fastest command, what it `cost`s, and None.
+
+    The slope `1 - σ(p(T))` of it is known with it: where the tangents on both sides of the least value meet, and where their slope
+    vanishes, is looked first; near a node, where the costate is not found closely, the halves.
+    """
+
+    def at(time: float) -> tuple[float, float, float]:
+        found = least_at(problem, time)
+        if found is None:
+            return time, np.inf, -np.inf
+        looks, dual = found
+        return time, time + price * dual.value, 1.0 - price * float(saved(looks, dual.costate, np.array([time]))[0])
 
     times = np.linspace(fastest, max(min(cost, LONGEST * fastest), fastest * 1.01), SCANNED)
-    costs = np.array([at(float(time)) for time in times])
-    k = int(np.argmin(costs))
-    low, high, middle, best = times[max(k - 1, 0)], times[min(k + 1, SCANNED - 1)], float(times[k]), float(costs[k])
-    for _ in range(ROUNDS):
-        other = float(low + middle) / 2 if middle - low > high - middle else float(middle + high) / 2
-        value = at(other)
-        if value < best:
-            low, high, middle, best = (low, middle, other, value) if other < middle else (middle, high, other, value)
-        elif other < middle:
-            low = other
-        else:
-            high = other
-    return (best - middle) / price if np.isfinite(best) else None
+    looked = [at(float(time)) for time in (*times, *(fastest * (1.0 + share) for share in BESIDE))]
+    for turn in range(ROUNDS):
+        looked.sort()
+        k = min(range(len(looked)), key=lambda i: looked[i][1])
+        (a, f, slope), (b, g, rise) = looked[max(k - 1, 0)], looked[min(k + 1, len(looked) - 1)]
+        middle, least, _ = looked[k]
+        bent = np.isfinite(f) and slope < 0.0 < rise
+        guesses = [(f - g + rise * b - slope * a) / (rise - slope), a - slope * (b - a) / (rise - slope)] if bent else []
+        guesses.append((a + middle) / 2 if middle - a > b - middle else (middle + b) / 2)
+        time = guesses[turn % len(guesses)]
+        if b - a <= SETTLED * b or not min(abs(time - one) for one in (a, middle, b)) > SETTLED * b:
+            if turn % len(guesses) == len(guesses) - 1:
+                break
+            continue
+        looked.append(at(float(time)))
+    middle, least, _ = min(looked, key=lambda one: one[1])
+    return (least, (least - middle) / price) if least < cost else (cost, None)
