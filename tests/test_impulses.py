@@ -111,11 +111,13 @@ def _zvd(mode: Mode) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 def test_partial_sums_in_bounds_are_proven_shortest():
     found = bounded([Mode(1.0)], 0, 1)
+    assert found.bound is not None
     assert found.bound.status is Status.PROVED
     assert found.shaper.times == pytest.approx([0.0, math.pi / 3, 2 * math.pi / 3], abs=1e-12)
     assert found.shaper.amplitudes == (1.0, -1.0, 1.0)
     modes = [Mode(1.0, 0.1), Mode(2.6, 0.02)]
     both = bounded(modes, 0, 1)
+    assert both.bound is not None
     assert both.bound.status is Status.PROVED
     for mode in modes:
         assert left(both.shaper, mode) <= 1e-12

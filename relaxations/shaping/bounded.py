@@ -2,7 +2,8 @@
 
 The shaped unit step is the partial sums. It is a command from rest to rest of the plant `∏ ω²/(s² + 2ζωs + ω²)` within these bounds as
 actuator limits, so nothing new is needed: `relaxations.proofs.minimum_time` finds and proves the shortest one, for any modes at once and
-with any number of derivatives. Bounds 0 and 1 give the unity-magnitude shapers 1, -1, 1 ….
+with any number of derivatives. Bounds 0 and 1 give the unity-magnitude shapers 1, -1, 1 …. One mode that all but decays meanwhile has a
+form of its own (relaxations.shaping.decayed).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import Exact, exact
 from relaxations.proofs import minimum_time
 from relaxations.shaping.commanded import plant_of, shaper_of
+from relaxations.shaping.decayed import DECAYED, decayed, least_up_to_one
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.sampled import require_fine
 from relaxations.shaping.shapers import Shaper
@@ -29,6 +31,7 @@ from relaxations.shaping.vanishing import left, possible, require_told
 
 MOST_EQUATIONS = 24  # real ones: with more programs take minutes
 MOST_DAMPED = 0.9  # beyond it they do not tell the equations apart
+LEAST_DECAY = 1e-32  # of a mode while the impulses last: with less the digits of certificates do not tell them apart
 MOST_SAMPLES = 1000
 MOST_FOLDS = 20.0  # of decay while the impulses last: programs in doubles tell that much
 NEARLY = 1e-9  # of levels: so close to a bound, or to each other, they are the same
@@ -37,16 +40,18 @@ CLOSED = 1e-10  # of the largest term of what vanishes
 
 @dataclass(frozen=True, slots=True)
 class BoundedShaper:
-    """A shaper, and the bracket of its duration."""
+    """A shaper, the bracket of its duration where it is sought, and what is known in closed form of the least one [s]."""
 
     shaper: Shaper
-    bound: Bound
+    bound: Bound | None
+    closed: float = 0.0
 
     @property
     def lower(self) -> float | None:
         """The least duration [s] of any such sequence, *proven*; None if nothing was."""
-        certified = None if self.bound.certificate is None else json.loads(self.bound.certificate)["lower"]
-        return self.bound.lower if certified is not None and self.bound.lower > 0.0 else None
+        certified = None if self.bound is None or self.bound.certificate is None else json.loads(self.bound.certificate)["lower"]
+        proven = self.bound.lower if self.bound is not None and certified is not None else 0.0
+        return max(proven, self.closed) or None
 
 
 def bounded(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int = 0) -> BoundedShaper:
@@ -56,10 +61,17 @@ def bounded(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int 
     """
     _require(modes, lower, upper)
     if len(modes) == 1:
+        (mode,) = modes
+        one = exact(upper) == 1 and derivatives <= MOST
+        closed = least_up_to_one(mode, derivatives) if one else 0.0
+        if one and mode.decay ** (derivatives + 1) < LEAST_DECAY:
+            return BoundedShaper(decayed(mode, derivatives), None, closed)
         try:
-            return BoundedShaper(*switched(modes[0], exact(lower), exact(upper), derivatives))
+            return BoundedShaper(*switched(mode, exact(lower), exact(upper), derivatives), closed)
         except SolverError:
-            if derivatives > PROGRAMMED or modes[0].damping > MOST_DAMPED:
+            if one and mode.decay < DECAYED:
+                return BoundedShaper(decayed(mode, derivatives), None, closed)
+            if derivatives > PROGRAMMED or mode.damping > MOST_DAMPED:
                 raise
     command, bound = _fastest(modes, lower, upper, derivatives, None)
     return BoundedShaper(shaper_of(command), bound)

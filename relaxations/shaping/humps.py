@@ -18,7 +18,7 @@ frequency, whose highest residual beyond its zero is at the mode.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
@@ -30,12 +30,14 @@ from numpy.typing import NDArray
 
 from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import precision
+from relaxations.shaping.amplitudes import LEAST, smallest_of_derivatives, too_small
 from relaxations.shaping.continuation import continued
+from relaxations.shaping.decayed import DECAYED, smallest
 from relaxations.shaping.modes import Mode
-from relaxations.shaping.paths import CLOSE, CLOSED, Point, Vector, followed, solved
+from relaxations.shaping.paths import CLOSE, CLOSED, Point, Vector, followed, ordered, solved
 from relaxations.shaping.ripples import Ripples
 from relaxations.shaping.shapers import Shaper
-from relaxations.shaping.switched import as_doubles, ordered, phases_of
+from relaxations.shaping.switched import as_doubles, in_doubles, phases_of
 
 Reals = NDArray[np.float64]
 
@@ -48,6 +50,8 @@ SPREAD = 0.25  # of √(1 - ζ²)/(mπ): so close to each other zeros are in Che
 LONGER = 2  # times as long as with derivatives: impulses 1, -1, 1 … are made no longer
 CLOSER = (1, 8, 8)  # times closer zeros that are tried, each time
 MERGED = 0.05  # phase between the last two impulses from which they are made one
+POINTS, FEWER_POINTS = 500, 150  # of the curve that are followed; of impulses 1, -1, 1 … that all but decay in between
+MUCH = 0.9  # damping: below it amplitudes are no question
 BITS = 128
 
 
@@ -69,6 +73,7 @@ def extra_insensitive(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
     Raises `ShaperError` for values outside, `SolverError` where the numerics fail.
     """
     aim = _require(tolerance, humps)
+    _require_told(mode, f"{'' if humps == 1 else f'{humps}-hump-'}ei", lambda damping: smallest_of_derivatives(damping, humps - 1))
     if aim >= PLAIN:
         try:
             return _plain(mode, aim, humps)
@@ -82,7 +87,7 @@ def extra_insensitive(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
         phases = [(n - 1 - i) * arb.pi() / root for i in range(n)]
         amplitudes = [math.comb(zeros, i) * decay**i / (1 + decay) ** zeros for i in range(n)]
         ripples = Ripples(damping, n, 2 * zeros - 1, zeros - 1, merging=True)
-        end = _spread(ripples, phases, amplitudes, spread, first, aim)
+        end = _spread(ripples, phases, amplitudes, spread, first, aim, None, POINTS + int(-math.log(mode.decay)))
         if not (end.goal or end.end) and end.x[n - 2] < MERGED:
             ripples, end = _merged(ripples, end)
         elif not (end.goal or end.end):
@@ -97,6 +102,7 @@ def unity_magnitude(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
     Raises as `extra_insensitive`.
     """
     aim = _require(tolerance, humps)
+    _require_told(mode, f"um-{'' if humps == 1 else f'{humps}-hump-'}ei", lambda damping: smallest(damping, humps))
     zeros, given = humps + 1, tuple((-1) ** i for i in range(2 * humps + 3))
     with _digits(_first_ripple(mode, zeros, aim)):
         phases = list(phases_of(mode.damping, Fraction(0), Fraction(1), humps).phases)
@@ -108,7 +114,7 @@ def unity_magnitude(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
         first = bend * spread**zeros / 2 ** (zeros - 1)
         if first > arb(aim) / 2:
             first, spread = arb(aim) / 2, spread * (arb(aim) / 2 / first).root(zeros)
-        end = _spread(ripples, phases, [], spread, first, aim, LONGER * phases[0])
+        end = _spread(ripples, phases, [], spread, first, aim, LONGER * phases[0], POINTS if mode.decay > DECAYED else FEWER_POINTS)
         if not (end.goal or end.end):  # as far as it could be followed: these humps keep the tolerance all the more
             exact = solved(ripples, [*end.x, end.w], None, CLOSED)
             if exact is None or not _proper(ripples, exact[:-1]):
@@ -129,6 +135,12 @@ def _require(tolerance: float, humps: int) -> float:
     if not 1 <= humps <= MOST_HUMPS:
         raise ShaperError(f"humps are counted from 1 to {MOST_HUMPS}, not {humps}")
     return tolerance - min(ROUNDED * (humps + 1), MOST_ROUNDED * tolerance)
+
+
+def _require_told(mode: Mode, name: str, smallest_amplitude: Callable[[float], float]) -> None:
+    """With much damping humps are so low that the smallest amplitude is nearly that of the multiple zero."""
+    if mode.damping > MUCH and smallest_amplitude(mode.damping) < LEAST:
+        raise SolverError(too_small(name, mode.damping, smallest_amplitude))
 
 
 def _lost(humps: int, tolerance: float, end: Point) -> str:
@@ -152,7 +164,9 @@ def _first_ripple(mode: Mode, zeros: int, aim: float) -> tuple[float, float]:
     return (first, spread) if first <= most else (most, spread * math.exp((most - first) / zeros))
 
 
-def _spread(ripples: Ripples, phases: Vector, amplitudes: Vector, spread: arb, first: arb, aim: float, most: arb | None = None) -> Point:
+def _spread(
+    ripples: Ripples, phases: Vector, amplitudes: Vector, spread: arb, first: arb, aim: float, most: arb | None, points: int
+) -> Point:
     """From the multiple zero to humps of V = `first`, and from them as far as to V = `aim`."""
     m, n, end = ripples.middle + 1, ripples.impulses, None
     for closer in CLOSER:
@@ -161,7 +175,7 @@ def _spread(ripples: Ripples, phases: Vector, amplitudes: Vector, spread: arb, f
         apart = solved(lambda x, w, places=places: ripples.apart(x, w, places), [*phases[:-1], *amplitudes, arb(0)], None, CLOSE)
         if apart is not None:
             start = ripples.unknowns([*apart[: n - 1], arb(0)], apart[n - 1 : -1], places)
-            end = followed(ripples, start, first.log(), arb(aim).log(), lambda x: _proper(ripples, x), most)
+            end = followed(ripples, start, first.log(), arb(aim).log(), lambda x: _proper(ripples, x), most, points)
         if end is not None:
             break
     if end is None:
@@ -197,8 +211,11 @@ def _merged(ripples: Ripples, near: Point) -> tuple[Ripples, Point]:
 
 def _humped(mode: Mode, ripples: Ripples, end: Point) -> Humped:
     phases, amplitudes, places = ripples.parts(end.x)
-    shaper = as_doubles(mode, phases, amplitudes)
     zeros = tuple(mode.scaled(float(place)) for place in places[::2])
+    if ripples.given:
+        shaper = in_doubles(mode, [(zero, 0) for zero in zeros], phases, ripples.given)
+    else:
+        shaper = as_doubles(mode, phases, amplitudes)
     return Humped(shaper, zeros, float(end.w.exp()))
 
 

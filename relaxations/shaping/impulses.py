@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations.errors import ShaperError
+from relaxations.shaping.amplitudes import LEAST, decay_per_radian, named, smallest_of_derivatives, too_small
 from relaxations.shaping.continuation import continued
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.shapers import Shaper
@@ -24,13 +25,16 @@ def derivative_shaper(mode: Mode, derivatives: int = 0) -> Shaper:
     """ZV (0), ZVD (1), ZVDD (2) …: residual vibration and so many derivatives of it are zero at the mode.
 
     Amplitudes `C(n, k) K^k / (1 + K)^n`, n = derivatives + 1, at k half damped periods: n ZV shapers in a row. The residual is analytic in
-    the pole, so derivatives by frequency and by damping vanish together. Raises `ShaperError` for a negative number.
+    the pole, so derivatives by frequency and by damping vanish together. Raises `ShaperError` for a negative number, and where the last
+    amplitude is none that doubles hold.
     """
     if derivatives < 0:
         raise ShaperError(f"derivatives are counted from 0 (zv) on, not {derivatives}")
     n, decay, half = derivatives + 1, mode.decay, mode.half_period
     if n > 1000:
         raise ShaperError(f"{derivatives} derivatives: more than 999 are more than doubles can hold")
+    if smallest_of_derivatives(mode.damping, derivatives) < LEAST:
+        raise ShaperError(too_small(named(derivatives), mode.damping, lambda damping: smallest_of_derivatives(damping, derivatives)))
     whole = (1.0 + decay) ** n
     return Shaper(tuple(k * half for k in range(n + 1)), tuple(math.comb(n, k) * decay**k / whole for k in range(n + 1)))
 
@@ -39,10 +43,19 @@ def mzv(mode: Mode) -> Shaper:
     """Three impulses at 0, 3/8 and 3/4 of the damped period with zero vibration: between ZV and ZVD in duration and robustness.
 
     Equally spaced impulses `(1, -2 Re q, |q|²)/(1 - 2 Re q + |q|²)`, q = e^{-κω·3P/8}, have their only zeros at the mode. This holds at any
-    damping.
+    damping, as far as doubles hold the last amplitude; beyond that raises `ShaperError`.
     """
+    if _smallest_of_mzv(mode.damping) < LEAST:
+        raise ShaperError(too_small("mzv", mode.damping, _smallest_of_mzv))
     spacing = 0.75 * mode.half_period
     return equally_spaced(mode, spacing)
+
+
+def _smallest_of_mzv(damping: float) -> float:
+    """Decimal logarithm of the last amplitude, |q|²/(1 - 2 Re q + |q|²), q = e^{3π(r + j)/4}⁻¹."""
+    folds = 0.75 * math.pi * decay_per_radian(damping)
+    size = math.exp(-folds)
+    return (-2.0 * folds - math.log1p(math.sqrt(2.0) * size + size * size)) / math.log(10.0)
 
 
 def equally_spaced(mode: Mode, spacing: float) -> Shaper:

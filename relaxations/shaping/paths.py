@@ -40,18 +40,24 @@ class Point:
 
 
 def followed(
-    system: System, x: Vector, w: arb, goal: arb, kept: Callable[[Vector], bool] = lambda x: True, most: arb | None = None
+    system: System,
+    x: Vector,
+    w: arb,
+    goal: arb,
+    kept: Callable[[Vector], bool] = lambda x: True,
+    most: arb | None = None,
+    points: int = MOST,
 ) -> Point | None:
     """The curve from near (x, w) on, in the direction of `goal` > w, as long as its points are `kept`; None without a first point.
 
-    It is followed around folds, but no farther than to where the first unknown is `most`. If it does not come to the goal, its highest fold
-    counts, unless it ends higher up.
+    It is followed around folds, but no farther than to where the first unknown is `most`, for so many `points`. If it does not come to the
+    goal, its highest fold counts, unless it ends higher up.
     """
     at = solved(system, [*x, w], None, CLOSE)
     if at is None:
         return None
     ahead, bend, step, top = _tangent(system, at, [arb(0)] * len(x) + [arb(1)]), [arb(0)] * (len(x) + 1), FIRST, None
-    for _ in range(MOST):
+    for _ in range(points):
         if ahead is None or step < SHORTEST:
             break
         aim = _ahead(at, ahead, step, bend)
@@ -107,6 +113,11 @@ def solved(system: System, start: Vector, across: Vector | None, close: float) -
             return None
         last = size
     return None
+
+
+def ordered(phases: Vector) -> bool:
+    """Strictly descending, and positive."""
+    return all(a > b for a, b in zip(phases, [*phases[1:], arb(0)], strict=True))
 
 
 def _fold(system: System, at: Vector, ahead: Vector, step: float) -> Vector | None:

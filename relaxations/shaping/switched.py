@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 
+import flint
 import numpy as np
 from flint import arb, fmpq
 
@@ -24,15 +26,19 @@ from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import exact, precision
 from relaxations.proofs import extremal_bound, minimum_time
 from relaxations.refinement import Extremal
+from relaxations.shaping.amplitudes import decay_per_radian, left_in_half_a_period
 from relaxations.shaping.commanded import plant_of, shaper_of
+from relaxations.shaping.decayed import DECAYED, points_of
+from relaxations.shaping.dips import Dip, drawn_apart, too_close
 from relaxations.shaping.modes import Mode
-from relaxations.shaping.paths import CLOSED, Point, Vector, followed, solved
+from relaxations.shaping.paths import CLOSED, Point, Vector, followed, ordered, solved
 from relaxations.shaping.ripples import MultipleZero
 from relaxations.shaping.shapers import Shaper
 
 MOST = 20  # derivatives: with more fewer ones point elsewhere
 PROGRAMMED = 6  # derivatives up to which programs in doubles find the undamped sequence
 BITS, BITS_PER_DERIVATIVE = 256, 16
+MOST_BITS = 1000  # a step of Newton's method smaller than by so many is no double
 SOFT = 12.0  # how fast, on the way to the middle, one guess gives way to the other
 
 
@@ -53,27 +59,57 @@ def switched(mode: Mode, lower: Fraction, upper: Fraction, derivatives: int) -> 
         raise ShaperError(f"{derivatives} derivatives: up to {MOST} are possible with negative impulses, zv-d:N takes any number")
     with precision(BITS + BITS_PER_DERIVATIVE * derivatives):
         found = phases_of(mode.damping, lower, upper, derivatives)
-        shaper = as_doubles(mode, found.phases, found.given)
+        shaper = in_doubles(mode, [(mode, derivatives)], found.phases, found.given)
         return shaper, _proven(mode, lower, upper, derivatives, found)
 
 
 def phases_of(damping: float, lower: Fraction, upper: Fraction, derivatives: int) -> Switched:
     """At the precision that is set. Raises `SolverError`."""
-    still, given = _undamped(lower, upper, derivatives), _sizes(lower, upper, derivatives)
+    given = _sizes(lower, upper, derivatives)
     system = MultipleZero(given)
-    start = solved(system, [*map(arb, still[:-1]), arb(0)], None, CLOSED)
-    end = None if start is None else Point(start[:-1], arb(0), True)
-    if damping and start is not None:
-        end = followed(system, start[:-1], arb(0), arb(damping), ordered)
+    if upper == 1 and left_in_half_a_period(damping) < DECAYED:
+        end = _from_points(system, damping, derivatives, 1 - lower)
+    else:
+        start = solved(system, [*map(arb, _undamped(lower, upper, derivatives)[:-1]), arb(0)], None, CLOSED)
+        end = None if start is None else Point(start[:-1], arb(0), True)
+        if damping and start is not None:
+            end = followed(system, start[:-1], arb(0), arb(damping), ordered)
     if end is None or not end.goal:
         written = "impulses 1, -1, 1 …" if (lower, upper) == (0, 1) else f"impulses of partial sums {float(lower):g} and {float(upper):g}"
         raise SolverError(f"{written} with {derivatives} derivative(s) were not found at damping {damping!r}; fewer are possible")
     return Switched((*end.x, arb(0)), given)
 
 
-def ordered(phases: Vector) -> bool:
-    """Strictly descending, and positive."""
-    return all(a > b for a, b in zip(phases, [*phases[1:], arb(0)], strict=True))
+def _from_points(system: MultipleZero, damping: float, derivatives: int, depth: Fraction) -> Point | None:
+    """Dips so narrow that they are all but points (relaxations.shaping.decayed), in as many digits as tell them."""
+    folds = (derivatives + 1) * math.pi * decay_per_radian(damping)
+    bits = max(flint.ctx.prec, BITS + math.ceil(4.0 * folds / math.log(2.0)))
+    with precision(bits):
+        points, sizes = points_of(damping, derivatives)
+        zeta = arb(damping)
+        root = (1 - zeta * zeta).sqrt()
+        edges: Vector = []
+        for point, size in zip(points, sizes, strict=True):
+            half = size * (-zeta / root * point).exp() / rational(depth) / 2
+            edges += [point - half, point + half]
+        phases = [edges[-1] / root, *((edges[-1] - edge) / root for edge in edges[:-1])]
+        found = solved(system, [*phases, zeta], None, 2.0 ** -min(bits / 2, MOST_BITS))
+        return None if found is None or not ordered(found[:-1]) else Point(found[:-1], zeta, True)
+
+
+def in_doubles(mode: Mode, zeros: Sequence[tuple[Mode, int]], phases: Sequence[arb], given: Sequence[fmpq | int]) -> Shaper:
+    """Impulses at phases ψ before the last one; where some follow each other closer than doubles tell they are drawn apart."""
+    dips = dips_of(mode, phases)
+    if given[0] == 1 and too_close(dips):
+        with suppress(SolverError):
+            return drawn_apart(zeros, dips, -given[1])
+    return as_doubles(mode, phases, given)
+
+
+def dips_of(mode: Mode, phases: Sequence[arb]) -> list[Dip]:
+    """From the second to the third impulse, from the fourth to the fifth …: there partial sums that begin at 1 lie lower."""
+    instants = [(phases[0] - phase) / arb(mode.frequency) for phase in phases[1:]]
+    return list(zip(instants[::2], instants[1::2], strict=True))
 
 
 def as_doubles(mode: Mode, phases: Sequence[arb], amplitudes: Sequence[arb | fmpq | int]) -> Shaper:

@@ -1,0 +1,94 @@
+"""Switching sequences whose impulses follow each other closer than doubles tell: dips of the partial sums that are drawn apart.
+
+Partial sums that lie at 1 but for dips to a lower bound l are impulses 1, l - 1, 1 - l, …. Against the growth e^{ζωt} by which later
+impulses count for more, a dip near the end of many half periods is far narrower than the spacing of doubles: its two impulses are one, and
+nothing is left of it. But a lower dip that is as much wider does the same. So every edge that doubles do not tell well becomes a step of a
+few billionths of the duration at an unknown height; of a narrow dip there are two such steps side by side. As many heights as equations,
+
+    1 + Σ_steps h (e^{p b} - e^{p a}) = 0,   and its derivatives by p,   at every zero p
+
+are solved exactly for the instants that doubles hold, in units that grow as fast as the impulses count. What rounding of the heights leaves
+is 1e-16 of each zero's own terms, and the sequence is longer than the exact one by half a step or one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+
+from flint import acb, arb, arb_mat, fmpq
+
+from relaxations.errors import SolverError
+from relaxations.plants import precision
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.shapers import Shaper
+
+WIDTH = 2.0**-26  # of a step, of the duration: doubles tell it to 1e-8, and its height to 1e-16
+TOLD = 2.0**-36  # of the duration: so far apart impulses are told by doubles
+NARROW = 4.0  # widths: a dip that is no wider is two steps
+BITS = 256
+
+Dip = tuple[arb, arb]
+"""Where it begins and ends [s]; both may be one."""
+
+
+def too_close(dips: Sequence[Dip]) -> bool:
+    """Whether doubles do not tell all edges well."""
+    return bool(min(float(end - begin) for begin, end in dips) < TOLD * float(dips[-1][1]))
+
+
+def drawn_apart(zeros: Sequence[tuple[Mode, int]], dips: Sequence[Dip], depth: arb | fmpq | int = 1) -> Shaper:
+    """The sequence with these zeros and so many derivatives, from dips that leave nothing of them; partial sums in [1 - depth, 1].
+
+    There are as many dips as zeros, each counted as often as it is. Raises `SolverError` where heights are none.
+    """
+    fastest, slowest = (pick(mode.damping * mode.frequency for mode, _ in zeros) for pick in (max, min))
+    with precision(BITS + math.ceil(4.0 * (fastest - slowest) * float(dips[-1][1]) / math.log(2.0))):
+        return _solved(zeros, dips, depth, (fastest + slowest) / 2.0)
+
+
+def _solved(zeros: Sequence[tuple[Mode, int]], dips: Sequence[Dip], depth: arb | fmpq | int, growth: float) -> Shaper:
+    last = float(dips[-1][1])
+    width = WIDTH * last
+    steps: list[tuple[float, float]] = []
+    whole: list[tuple[float, float]] = []
+    for begin, end in dips:
+        wide = float(end - begin)
+        if wide > NARROW * width:
+            first, second = float(begin), float(end)
+            steps += [(first - width / 2.0, first + width / 2.0), (second - width / 2.0, second + width / 2.0)]
+            whole.append((first + width / 2.0, second - width / 2.0))
+        else:
+            middle, half = float((begin + end) / 2), max(width, wide)
+            steps += [(middle - half, middle), (middle, middle + half)]
+    units = [growth * arb(end) for _, end in steps]
+    rows, right = [], []
+    for mode, derivatives in zeros:
+        omega, zeta = arb(mode.frequency), arb(mode.damping)
+        pole = omega * acb(zeta, (1 - zeta * zeta).sqrt())
+
+        def edges(span: tuple[float, float], power: int, unit: arb, pole: acb = pole) -> acb:
+            begin, end = map(arb, span)
+            return (end / last) ** power * (pole * end - unit).exp() - (begin / last) ** power * (pole * begin - unit).exp()
+
+        for power in range(derivatives + 1):
+            columns = [edges(span, power, unit) for span, unit in zip(steps, units, strict=True)]
+            fixed = sum((depth * edges(span, power, arb(0)) for span in whole), acb(0 if power else 1))
+            rows += [[column.real for column in columns], [column.imag for column in columns]]
+            right += [[-fixed.real], [-fixed.imag]]
+    try:
+        found = arb_mat(rows).solve(arb_mat(right))
+    except ZeroDivisionError:
+        raise SolverError("impulses that follow each other so closely were not told apart; fewer zeros are possible") from None
+    heights = [found[k, 0].mid() * (-unit).exp() for k, unit in enumerate(units)]
+    if steps[0][0] <= 0.0 or not all(0 < height < depth for height in heights):
+        raise SolverError("impulses that follow each other so closely were not told apart; fewer zeros are possible")
+    # Of heights that are doubles: the sums come back to 1.
+    exact = {0.0: Fraction(1)}
+    for span, height in [*zip(steps, heights, strict=True), *((span, arb(depth)) for span in whole)]:
+        for instant, sign in zip(span, (-1, 1), strict=True):
+            exact[instant] = exact.get(instant, Fraction(0)) + sign * Fraction(float(height))
+    jumps = {instant: float(exact[instant]) for instant in sorted(exact)}
+    kept = {instant: jump for instant, jump in jumps.items() if jump}
+    return Shaper(tuple(kept), tuple(kept.values()))
