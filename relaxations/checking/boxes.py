@@ -120,36 +120,40 @@ def prove(system: System, command: Numbers, n: int) -> None:
     kicks = Kicks.of(system, command, n)
     lands(task)
     plants = family(task)
-    if isinstance(plants, Moved) and not within(plants, kicks, plants.nominal, plants.nominal, [arb(0)] * len(plants.nominal), allowed):
+    if isinstance(plants, Moved) and not within(plants, kicks, plants.nominal, plants.nominal, [arb(0)] * len(plants.nominal), allowed)[0]:
         raise Undecided("the residual of the nominal plant is not told from the tolerance")
     waiting = [tuple((x, x) for x in plant.place) for plant in box.plants] or [tuple((p.low, p.high) for p in box.parameters)]
     while waiting:
         sides = waiting.pop()
         spend(200)
         cell, centre, radii = laid(sides)
-        if not (within(plants, kicks, cell, centre, radii, allowed) and plants.settled(sides)):
-            waiting += halved(task, sides, "the residual is not told from the tolerance somewhere in the box")
+        fine, bends = within(plants, kicks, cell, centre, radii, allowed)
+        if not (fine and plants.settled(sides)):
+            waiting += halved(task, sides, "the residual is not told from the tolerance somewhere in the box", bends)
     excursions.prove(system, plants, kicks)
 
 
-def within(plants: Written | Moved, kicks: Kicks, cell: Numbers, centre: Any, radii: Sequence[arb], allowed: arb) -> bool:
-    """Whether |r(τ)| ≤ allowed for all τ ≥ 0 in a cell: by the moduli of its motions, or in the course of time."""
+def within(
+    plants: Written | Moved, kicks: Kicks, cell: Numbers, centre: Any, radii: Sequence[arb], allowed: arb
+) -> tuple[bool, Sequence[float]]:
+    """Whether |r(τ)| ≤ allowed for all τ ≥ 0 in a cell: by the moduli of its motions, or in the course of time; and how much each parameter
+    bends them, if that is known."""
     poles = plants.tracked(cell, centre)
     if poles is None:
-        return False
+        return False, ()
     points, balls, flexible = poles
     if not points:
-        return True  # bodies alone, which are at rest
+        return True, ()  # bodies alone, which are at rest
     if any(ball.real > 0 for ball in balls):
         raise Undecided("a plant of the box is unstable")
     try:
         around = Around.of(plants, kicks, cell, centre, radii, poles)
         total, sizes = around.moduli()
         if total <= allowed:
-            return True  # of stable plants, which these are if they are `settled`
+            return True, ()  # of stable plants, which these are if they are `settled`
     except ZeroDivisionError:
-        return False
+        return False, ()
     alone = len(points) == 1 and flexible[0] and points[0].real.is_zero() and abs(around.middle.sizes[0][0]) > allowed
     if alone or (inside := all(ball.real <= 0 for ball in balls) and in_time(around, sizes, flexible, allowed, allowed)) is None:
         raise Refuted(f"the residual exceeds the tolerance at {', '.join(f'{float(arb(x).mid()):.6g}' for x in centre)}")
-    return inside
+    return inside, () if inside else around.bends()

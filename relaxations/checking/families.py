@@ -6,8 +6,8 @@ A place may be a power series in a real variable t, as cells are followed along 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
@@ -196,6 +196,31 @@ def mirrored(series: acb_series) -> acb_series:
 
 
 @dataclass(frozen=True, slots=True)
+class Met:
+    """Series that were met before, told apart by every bit of their coefficients, and what was made of them. A root that is moved by
+    itself meets the same places again and again, in cells that differ elsewhere."""
+
+    same: dict[Hashable, acb_series] = field(default_factory=dict)
+    made: dict[Hashable, tuple[acb_series, Any]] = field(default_factory=dict)
+
+    def one(self, series: acb_series) -> acb_series:
+        """This series, the same object whenever it is met."""
+        if not all(c.is_finite() for c in series.coeffs()):
+            return series
+        parts = (part for c in series.coeffs() for part in (c.real, c.imag))
+        key = (series.prec, *(number for part in parts for side in (part.mid(), part.rad()) for number in side.man_exp()))
+        return self.same.setdefault(key, series)
+
+    def of(self, what: Hashable, make: Callable[..., acb_series], *objects: Any) -> acb_series:
+        """`make(*objects)`, or what it was before for the very same objects, which are kept: no other one can take their identity."""
+        key = (what, *map(id, objects))
+        if key not in self.made:
+            spend(10)
+            self.made[key] = make(*objects), objects
+        return self.made[key][0]
+
+
+@dataclass(frozen=True, slots=True)
 class Moved:
     """The nominal plant with some of its roots moved, by factors f and g of their distance from the origin, or to a damping ratio ζ:
 
@@ -208,6 +233,7 @@ class Moved:
     task: Any
     poles_moved: tuple[tuple[Root, tuple[int | None, int | None]], ...]
     zeros_moved: tuple[tuple[Root, tuple[int | None, int | None]], ...]
+    met: Met = field(default_factory=Met)
 
     @staticmethod
     def of(task: Any) -> Moved:
@@ -246,7 +272,7 @@ class Moved:
             if damping is not None:
                 zeta = line[damping]
                 pole = ((1 - zeta * zeta).sqrt() * acb(0, 1) - zeta) * abs(root.value)
-            found.append(pole if scale is None else pole * line[scale])
+            found.append(self.met.one(pole if scale is None else pole * line[scale]))
         return found
 
     def factors(self, line: Line, output: str | None) -> tuple[acb_series, list[tuple[Root, acb_series]], list[acb_series]]:
@@ -269,7 +295,8 @@ class Moved:
             further = [acb_series([c * plant.numerator[0]]) for c in whole.coeffs()]
         for root, (scale, _) in self.zeros_moved:
             gain = gain if scale is None else over(gain, scales[scale] ** root.size)
-        zeros = [(root, acb_series([root.value]) * (1 if scale is None else scales[scale])) for root, (scale, _) in self.zeros_moved]
+        places = [(root, acb_series([root.value]) * (1 if scale is None else scales[scale])) for root, (scale, _) in self.zeros_moved]
+        zeros = [(root, self.met.one(place)) for root, place in places]
         return gain, zeros, further
 
     def at_origin(self, line: Line, output: str, count: int) -> list[acb_series]:
@@ -285,17 +312,28 @@ class Moved:
 
     def weights(self, line: Line, poles: Sequence[acb_series], output: str | None = None) -> list[acb_series]:
         """N(p)/D'(p), in factors, of the controlled output, or of a named one."""
-        (gain, zeros, further), found = self.factors(line, output), []
+        gain, zeros, further = self.factors(line, output)
+        found, count, one = [], rigid(self.task), acb_series([1])
+
+        def alone(pole: acb_series) -> acb_series:
+            return over(further[0] if len(further) == 1 else valued_at(further, pole), pole**count)
+
+        def towards(pole: acb_series, root: Root, zero: acb_series) -> acb_series:
+            return ((pole - zero) * (pole - mirrored(zero)) if root.flexible else pole - zero) ** root.multiplicity
+
+        def beside(pole: acb_series, root: Root) -> acb_series:
+            return over(one, pole - mirrored(pole)) if root.flexible else one
+
+        def apart(pole: acb_series, root: Root, other: acb_series) -> acb_series:
+            return over(over(one, pole - other), pole - mirrored(other)) if root.flexible else over(one, pole - other)
+
         for j, pole in enumerate(poles):
-            spend(4 * (len(poles) + len(zeros)))
-            value = over(gain, pole ** rigid(self.task)) * (further[0] if len(further) == 1 else valued_at(further, pole))
+            spend(len(poles) + len(zeros))
+            value = gain * self.met.of(("alone", output), alone, pole)
             for root, zero in zeros:
-                value *= ((pole - zero) * (pole - mirrored(zero)) if root.flexible else pole - zero) ** root.multiplicity
+                value *= self.met.of("towards", towards, pole, root, zero)
             for i, (other, (root, _)) in enumerate(zip(poles, self.poles_moved, strict=True)):
-                if i != j:
-                    value = over(value, pole - other)
-                if root.flexible:
-                    value = over(value, pole - mirrored(other))
+                value *= self.met.of("beside", beside, pole, root) if i == j else self.met.of("apart", apart, pole, root, other)
             found.append(value)
         return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 from flint import arb, fmpq, fmpq_poly
@@ -13,6 +14,7 @@ from relaxations.checking.reading import MOVED, Refuted, Undecided, require
 
 Numbers = Sequence[arb | fmpq]
 LONGEST_POWER = 20_000  # bits of a power of an exact parameter
+DISPARATE = 1024  # how much narrower than in other parameters a cell may become
 
 
 Which = str | tuple[str, str]  # numerator, denominator, or ("outputs", name)
@@ -236,13 +238,19 @@ def laid(sides: Sequence[tuple[fmpq, fmpq]]) -> tuple[list[arb | fmpq], list[fmp
     return cell, [(low + high) / 2 for low, high in sides], [arb((high - low) / 2) for low, high in sides]
 
 
-def halved(task: Any, sides: Sequence[tuple[fmpq, fmpq]], otherwise: str) -> list[tuple[tuple[fmpq, fmpq], ...]]:
-    """A cell in two, across the parameter in which it is widest; raises `Undecided` with a sentence where it is too small for that."""
+def halved(
+    task: Any, sides: Sequence[tuple[fmpq, fmpq]], otherwise: str, bends: Sequence[float] = ()
+) -> list[tuple[tuple[fmpq, fmpq], ...]]:
+    """A cell in two, across the parameter that bends most what is looked at, or else in which it is widest; raises `Undecided` with a
+    sentence where the cell is too small for that."""
     ranges = zip(sides, task.box.parameters, strict=True)
     widths = [(high - low) / (p.high - p.low) if high > low else fmpq(0) for (low, high), p in ranges]
     widest = max(range(len(sides)), key=lambda i: widths[i])
     if widths[widest] < fmpq(1, 2**40):
         raise Undecided(otherwise)
+    most = max(range(len(bends)), key=lambda i: bends[i], default=widest)
+    if bends and isfinite(bends[most]) and bends[most] > 0 and widths[most] * DISPARATE >= widths[widest]:
+        widest = most
     low, high = sides[widest]
     return [
         tuple(half if i == widest else side for i, side in enumerate(sides)) for half in ((low, (low + high) / 2), ((low + high) / 2, high))

@@ -8,14 +8,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement, pairwise
+from math import comb, factorial
 from typing import Any
 
+import flint
 from flint import acb, acb_series, arb, fmpq
 
 from relaxations.checking.balls import Root, System, Wave, spend
 from relaxations.checking.families import Line, Moved, Written, over
 from relaxations.checking.members import Numbers
 
+FURTHER = 12  # terms of Taylor's formula over a wide ball of poles
+NARROW = 1e-3  # rad: balls that are wider for the whole command
 Way = tuple[int, ...]  # the parameters that grow along it; of the lines through a cell none
 
 
@@ -38,6 +42,38 @@ class Kicks:
             changes = [arb(after - before) for before, after in pairwise([fmpq(0), *command[n + 1 : 2 * n + 1], system.rest])]
         return Kicks([(arb(command[0] - at), change) for at, change in zip(instants, changes, strict=True)], 1 + system.sloped)
 
+    def shaken(self, pole: acb_series) -> acb_series:
+        """What they leave of a motion: `Σ jump e^{ps} / p^order`.
+
+        Over a wide ball of poles by Taylor's formula about its middle: what the jumps take from each other stays taken in the coefficients.
+        """
+        spend(6 * len(self.jumps))
+        start = pole[0]
+        middle = start.mid()
+        off = start - middle
+        if abs(off).upper() * self.jumps[0][0] > NARROW:
+            reach, terms, rests = abs(off).upper(), [acb(0)] * FURTHER, [arb(0)] * flint.ctx.cap
+            for s, jump in self.jumps:
+                spend(FURTHER)
+                term = (middle * s).exp() * jump
+                far, size = s * reach, abs(term)
+                grown = size * far.exp()
+                for k in range(len(rests)):
+                    rests[k] += grown * s**k / factorial(k) * far ** (FURTHER - k) / factorial(FURTHER - k)
+                for m in range(FURTHER):
+                    terms[m] += term
+                    term = term * s / (m + 1)
+            beside, total = acb_series([0, *pole.coeffs()[1:]]), acb_series([0])
+            for k in reversed(range(len(rests))):
+                value = acb(0)
+                for m in reversed(range(k, FURTHER)):
+                    value = value * off + terms[m] * comb(m, k)
+                around = arb(0, rests[k].upper())
+                total = total * beside + (value + acb(around, 0 if start.imag.is_zero() else around))
+        else:
+            total = sum(((pole * s).exp() * jump for s, jump in self.jumps), acb_series([0]))
+        return over(total, pole**self.order)
+
 
 @dataclass(frozen=True, slots=True)
 class Motion:
@@ -56,9 +92,8 @@ def motion(plants: Written | Moved, kicks: Kicks, line: Line, starts: Sequence[a
     """The motions after the command, all over the balls of the line and of the poles that it begins with."""
     poles, sizes = plants.poles(line, starts), []
     for pole, weight, pair in zip(poles, plants.weights(line, poles), flexible, strict=True):
-        spend(6 * len(kicks.jumps))
-        shaken = sum(((pole * s).exp() * jump for s, jump in kicks.jumps), acb_series([0]))
-        sizes.append((1 + pair) * over(weight, pole**kicks.order) * shaken)
+        own = plants.met.of("shaken", Kicks.shaken, kicks, pole) if isinstance(plants, Moved) else kicks.shaken(pole)
+        sizes.append((1 + pair) * weight * own)
     return Motion(poles, sizes)
 
 
@@ -105,6 +140,16 @@ class Around:
                 found.append((own[2] - lines[q, q][2] - lines[k, k][2]) * self.radii[q] * self.radii[k])
         return found, abs(along((), self.whole)[3])
 
+    def bends(self) -> list[float]:
+        """How much of the second order of the motions each parameter has its part in, roughly: where a cell is best halved."""
+        parts = [0.0] * len(self.radii)
+        for j in range(len(self.middle.sizes)):
+            for (q, k), own in self.ways.items():
+                terms = own.sizes[j][2] - sum((self.ways[i, i].sizes[j][2] for i in (q, k)), acb(0)) if q != k else own.sizes[j][2]
+                size = float((abs(terms) * self.radii[q] * self.radii[k]).upper())
+                parts[q], parts[k] = parts[q] + size, parts[k] + size
+        return parts
+
     def drift(self, span: arb) -> arb:
         """How far r(τ) is from what it is at the centre, in the cell, for the instants of a ball."""
         terms, last = self.terms(lambda _, motion: motion.course(span))
@@ -150,6 +195,9 @@ def in_time(around: Around, sizes: Sequence[arb], flexible: Sequence[bool], belo
     middle, whole = around.middle, around.whole
     roots = tuple(Root(p[0] if pair else acb(p[0].real), 1) for p, pair in zip(middle.poles, flexible, strict=True))
     wave = Wave.of(roots, [part for z, pair in zip(middle.sizes, flexible, strict=True) for part in (z[0].real, z[0].imag)[: 1 + pair]])
+    lasting = sum((size for size, p in zip(sizes, whole.poles, strict=True) if not p[0].real < 0), arb(0))
+    if not lasting <= below.min(above):
+        return False  # as much is left for ever, as far as can be seen
     far, quick = max((1 / abs(p[0])).upper() for p in whole.poles), min((1 / abs(p[0])).lower() for p in middle.poles)
     while not sum((size * (p[0].real * far).exp() for size, p in zip(sizes, whole.poles, strict=True)), arb(0)) <= below.min(above):
         far = (far * 5 / 4).mid()

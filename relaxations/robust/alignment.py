@@ -28,7 +28,8 @@ def course(motions: Complexes, poles: Complexes, times: Reals) -> Reals:
     """`Re Σ_j Z_j e^{p_j τ}` of plants (k, n) at instants (k, m): (k, m)."""
     total = np.zeros(times.shape)
     for z, p in zip(motions.T, poles.T, strict=True):
-        total += (z[:, None] * np.exp(p[:, None] * times)).real
+        turned = np.abs(z)[:, None] * np.cos(p.imag[:, None] * times + np.angle(z)[:, None])
+        total += turned * np.exp(p.real[:, None] * times) if p.real.any() else turned
     return total
 
 

@@ -64,7 +64,10 @@ class Scan:
         counted = np.where(poles.imag > 0, 2.0, np.where(poles.imag < 0, 0.0, 1.0))
         # Plants that are unstable or drift are refused where they are met; here they must only not be in the way.
         sound = np.where(poles == 0.0, 1e-300, np.minimum(poles.real, 0.0) + 1j * poles.imag)
-        return Scan(places, sound, np.nan_to_num(weights * counted, posinf=0.0, neginf=0.0))
+        # Of pairs one is enough, in columns that all plants fill: those with Im > 0 and the real ones, others behind them.
+        order_of = np.argsort(poles.imag < 0.0, axis=1, kind="stable")[:, : np.count_nonzero(poles.imag >= 0.0, axis=1).max(initial=0)]
+        kept = np.nan_to_num(weights * counted, posinf=0.0, neginf=0.0)
+        return Scan(places, np.take_along_axis(sound, order_of, axis=1), np.take_along_axis(kept, order_of, axis=1))
 
     def sizes(self, command: Staircase, periods: float, limit: float = np.inf) -> Reals:
         """The peak of each plant's residual, followed for so many `periods` of its slowest mode, and where several modes that add up to

@@ -33,7 +33,7 @@ from relaxations.tails import Looks
 Reals = NDArray[np.float64]
 
 FIRST = {1: 7, 2: 4}  # samples of each parameter at first, by their number; 2 of more
-FINE = {1: 401, 2: 41, 3: 11}  # places of each parameter at which a command is tried, by their number; 5 of more
+FINE = {1: 401, 2: 41, 3: 15}  # places of each parameter at which a command is tried, by their number; 5 of more
 NEARER = {1: 9, 2: 5}  # values of each parameter around a local maximum, in a round that looks for its top; 3 of more
 ZOOMS, SHRUNK = 8, 3.0  # such rounds, and by what its neighbourhood shrinks in each
 EXCESS = 1e-7  # relative: a tolerance that is exceeded by less is left to the hair that the proof keeps inside
@@ -41,10 +41,12 @@ ROUGH = 1e-3  # of α, before the first places are sought
 TOLERANCE = 1e-7  # of α: closer to the root is closer than the grid
 SEEN = 1e-6  # of the tolerance: what a staircase stays below it
 ROUNDS = 60
+TIGHTER, MOST_INSIDE = 3.0, 0.01  # how a program's limits are tightened whose samples keep theirs at instants only, and how far
 STALLS, BESIDE = 4, 1.0003  # how often the solver may give no answer, and how much longer a move is tried then
-NEARLY = 0.99  # of the tolerance: a local maximum of the grid so close to it is looked at more closely
-FEW = 200  # places: the plants of so many are not worth being kept
-TOPS = 12  # local maxima over the box that are looked at in one round, the worst ones
+NEARLY = {1: 0.99, 2: 0.99, 3: 0.9}  # of the tolerance: a local maximum of the grid so close to it is looked at more closely; 0.8 of more
+ALSO = {3: 0.998}  # of the tolerance: places of a coarse grid that are looked at too, with a higher one beside them; 0.995 of more
+TOPS = {1: 12, 2: 12}  # places of the grid that are looked at in one round, local maxima first, then the worst; 48 of more parameters
+APART = 0.01  # of the range: tops that are closer together are one
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +127,7 @@ def within(found: Sampled, beyond: float, settings: Settings) -> tuple[Sampled, 
 
     Whether that is so is the second answer: where the margin is too small it is not.
     """
-    posed, looks, inside = found.problem, found.looks, beyond / 4.0
+    posed, looks, inside, hair = found.problem, found.looks, beyond / 4.0, beyond / 8.0
     assert found.solution is not None
     horizon, solution = found.solution.maneuver_time * (1.0 + beyond), found.solution
     for count in range(ROUNDS // 2):
@@ -135,11 +137,14 @@ def within(found: Sampled, beyond: float, settings: Settings) -> tuple[Sampled, 
         if over := exceeded(posed, solution, 1.0 - inside / 2):
             looks |= over
             continue
-        worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - inside / 2)
+        worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - hair)
         more = _with_samples(posed, [*_samples(posed), *worst])
-        if len(_samples(more)) == len(_samples(posed)):
+        if len(_samples(more)) > len(_samples(posed)):
+            posed, looks = more, looks | _looks_of(posed, more)
+        elif not worst or inside > MOST_INSIDE:
             return Sampled(posed, looks, solution, found.below, count + 1), not worst
-        posed, looks = more, looks | _looks_of(posed, more)
+        else:  # several modes that last add up to more than they do at the instants that were found
+            inside *= TIGHTER
     return Sampled(posed, looks, solution, found.below, ROUNDS // 2), False
 
 
@@ -201,13 +206,15 @@ def worst_places(posed: Problem, instants: Reals, levels: Reals, factor: float) 
     if isinstance(box.family, Listed):
         return _worst_listed(posed, box.family, instants, levels, factor)
     command, found = Staircase.of(instants, levels, posed.hold, posed.sloped), []
-    for measure in _measures(box.family, posed, command, factor):
+    for measure in _measures(box, posed, command, factor):
         sides = [np.linspace(float(a.low), float(a.high), _fine(box)) if a.high > a.low else np.array([float(a.low)]) for a in box.axes]
         sizes = measure(np.array(list(itertools.product(*sides)))).reshape([len(side) for side in sides])
-        near = [at for at in np.ndindex(*sizes.shape) if sizes[at] > NEARLY * factor and sizes[at] >= _around(sizes, at).max()]
-        near.sort(key=lambda at: -sizes[at])
-        tops = (_top(box, measure, np.array([side[i] for side, i in zip(sides, at, strict=True)])) for at in near[:TOPS])
-        found += [place for place, size in tops if size > factor]
+        high = np.argwhere(sizes > NEARLY.get(len(box.axes), 0.8) * factor)
+        tops = {at: bool(sizes[at] >= _around(sizes, at).max()) for at in map(tuple, high)}
+        also = ALSO.get(len(box.axes), 0.995) * factor if len(box.axes) > 2 else np.inf
+        near = sorted((at for at, top in tops.items() if top or sizes[at] > also), key=lambda at: (not tops[at], -sizes[at]))
+        starts = [[side[i] for side, i in zip(sides, at, strict=True)] for at in near[: TOPS.get(len(box.axes), 48)]]
+        found += _tops(box, measure, np.array(starts), factor)
     return found
 
 
@@ -228,14 +235,17 @@ def _worst_listed(posed: Problem, family: Listed, instants: Reals, levels: Reals
     return [place for place in family.places if place in over]
 
 
-def _measures(family: Family, posed: Problem, command: Staircase, factor: float) -> list[Callable[[Reals], Reals]]:
+def _measures(box: Box, posed: Problem, command: Staircase, factor: float) -> list[Callable[[Reals], Reals]]:
     """What is limited, as multiples of its limits at places (k, parameters): the residual, and each output."""
     residuals, limits = posed.residuals, posed.maneuver.limits.deflection
     assert residuals is not None
     allowed, moment = residuals.allowed, float(moved(posed.plants[0], posed.maneuver.displacement))
 
+    family = box.family
+    assert not isinstance(family, Listed)
+
     def left(places: Reals) -> Reals:
-        return _scan(family, posed.size, places).sizes(command, PERIODS, allowed * factor) / allowed
+        return _scan(box, family, posed.size, places).sizes(command, PERIODS, allowed * factor) / allowed
 
     def gone(name: str, limit: float) -> Callable[[Reals], Reals]:
         return lambda places: Excursions.of(family, posed.size, places, name).sizes(command, PERIODS, moment) / limit
@@ -252,29 +262,34 @@ def _scanned(family: Family, rigid: int, places: bytes, parameters: int) -> Scan
     return Scan.of(family, rigid, np.frombuffer(places).reshape(-1, parameters))
 
 
-def _scan(family: Family, rigid: int, places: Reals) -> Scan:
-    return _scanned(family, rigid, places.tobytes(), places.shape[1]) if len(places) > FEW else Scan.of(family, rigid, places)
+def _scan(box: Box, family: Family, rigid: int, places: Reals) -> Scan:
+    grid = len(places) == np.prod([_fine(box) if a.high > a.low else 1 for a in box.axes])
+    return _scanned(family, rigid, places.tobytes(), places.shape[1]) if grid else Scan.of(family, rigid, places)
 
 
 def _around(sizes: Reals, at: tuple[int, ...]) -> Reals:
     return sizes[tuple(slice(max(i - 1, 0), i + 2) for i in at)]
 
 
-def _top(box: Box, measure: Callable[[Reals], Reals], start: Reals) -> tuple[Place, float]:
-    """The local maximum of a measure near a place, and its size, by grids that shrink around the best place so far."""
+def _tops(box: Box, measure: Callable[[Reals], Reals], starts: Reals, factor: float) -> list[Place]:
+    """The local maxima of a measure near some places that exceed a factor, by grids that shrink around the best place of each so far."""
+    if not len(starts):
+        return []
     low, high = (np.array([float(side) for side in sides]) for sides in zip(*((a.low, a.high) for a in box.axes), strict=True))
-    count, width, best, size = NEARER.get(len(box.axes), 3), (high - low) / (_fine(box) - 1), start, 0.0
+    count, width, best, sizes = NEARER.get(len(box.axes), 3), (high - low) / (_fine(box) - 1), starts, np.zeros(len(starts))
+    rows = np.arange(len(starts))
+    shares = [np.linspace(-1.0, 1.0, count) if w > 0 else np.zeros(1) for w in width]
+    around = np.array([*itertools.product(*shares), np.zeros(len(width))])
     for _ in range(ZOOMS):
-        values = [
-            np.linspace(max(x - w, a), min(x + w, b), count) if w > 0 else np.array([x])
-            for x, w, a, b in zip(best, width, low, high, strict=True)
-        ]
-        places = np.array([*itertools.product(*values), best])
-        sizes = measure(places)
-        best, size = places[int(np.argmax(sizes))], float(sizes.max())
+        places = np.clip(best[:, None, :] + around * width, low, high)
+        values = measure(places.reshape(-1, len(width))).reshape(len(starts), -1)
+        at = values.argmax(axis=1)
+        best, sizes = places[rows, at], values[rows, at]
         width = width / SHRUNK
-    shares = (round(float(s) * 2**24) for s in (best - low) / np.where(high > low, high - low, 1.0))
-    place = tuple(
-        axis.low + (axis.high - axis.low) * Fraction(min(max(s, 0), 2**24), 2**24) for s, axis in zip(shares, box.axes, strict=True)
-    )
-    return place, size
+    kept: list[Reals] = []
+    for top in best[np.argsort(-sizes, kind="stable")][: np.count_nonzero(sizes > factor)]:
+        share = (top - low) / np.where(high > low, high - low, 1.0)
+        if all(np.abs(share - other).max() > APART for other in kept):
+            kept.append(share)
+    parts = [[Fraction(min(max(round(float(s) * 2**24), 0), 2**24), 2**24) for s in share] for share in kept]
+    return [tuple(axis.low + (axis.high - axis.low) * part for part, axis in zip(place, box.axes, strict=True)) for place in parts]
