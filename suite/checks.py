@@ -7,6 +7,7 @@ import importlib.metadata
 import platform
 import tokenize
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from relaxations import checking
 from relaxations.checking.claims import Check, Outcome, check, claim
 
 CERTIFICATE = "certificate.json"
+COST = "certificate.cost.json"
+"""Of fuel weighed against time, where the study has a price of it."""
 ON_GRID = "certificate.grid.json"
 """Of the commands that an FMU with one step size can follow, where the study speaks of all commands."""
 EXIT = {Outcome.PROVED: 0, Outcome.REFUTED: 1, Outcome.MALFORMED: 2, Outcome.INCONCLUSIVE: 3}
@@ -120,7 +123,8 @@ def _difference(found: Check, study: Path, folder: Path | None) -> str:
     assert found.certificate is not None
     written = found.certificate.written["task"]
     other = [name for name in expected if expected[name] != written.get(name)]
-    if found.certificate.price is not None:
+    price = found.certificate.price
+    if price is not None and Fraction(asked.command.alpha or 0) != Fraction(int(price.p), int(price.q)):
         other.append("price of fuel")
     if folder is not None and asked.plant.fmu is not None:
         import json

@@ -10,6 +10,7 @@ from pathlib import Path
 from relaxations.bounds import Status
 from relaxations.onoff.enough import TooLittle, too_little
 from reports.files import write_atomically
+from suite import weighing
 from suite.bound_records import bound_record
 from suite.design import Design, design
 from suite.errors import SuiteError
@@ -26,7 +27,8 @@ class CollectionError(SuiteError):
 class Bracketed:
     """A study with its design; `certificate` is the file that the proof was written to, if any.
 
-    `short` is the most fuel that is proven to be too little, where the study's own budget is, and `proof` the file that says so.
+    `short` is the most fuel that is proven to be too little, where the study's own budget is, and `proof` the file that says so, or that
+    of the least cost.
     """
 
     study: Study
@@ -54,6 +56,8 @@ class Bracketed:
         record = bound_record(bound, bound.command, rest, None if self.certificate is None else str(self.certificate))
         if self.short is not None:
             record["least_fuel"] = {"lower": self.short.below, "certificate": None if self.proof is None else str(self.proof)}
+        if self.design.weighed is not None:
+            record["weighted"] = weighing.record(self.design.weighed, rest, None if self.proof is None else str(self.proof))
         made = self.design.cancelled
         return record if made is None else {**record, "prefilter": {**made.to_dict(), "command": made.command.to_dict()}}
 
@@ -70,7 +74,7 @@ def collect(paths: Sequence[Path]) -> list[Path]:
 
 
 def bracket(file: Path, certificate: Path | None = None) -> Bracketed:
-    """Bracket one study's minimum time; what was proven is written to `certificate`, of the least fuel beside it.
+    """Bracket one study's minimum time; what was proven is written to `certificate`, of the least fuel or cost beside it.
 
     Raises `StudyError`, `OSError`.
     """
@@ -81,7 +85,11 @@ def bracket(file: Path, certificate: Path | None = None) -> Bracketed:
     if certificate is None or content is None:
         return Bracketed(study, made, None, short)
     write_atomically(certificate, content)
-    proof = None if short is None else certificate.with_name(f"{certificate.name.removesuffix('.json')}.least-fuel.json")
-    if short is not None and proof is not None:
+    stem, proof = certificate.name.removesuffix(".json"), None
+    if short is not None:
+        proof = certificate.with_name(f"{stem}.least-fuel.json")
         write_atomically(proof, short.certificate)
+    if made.weighed is not None and made.weighed.certificate is not None:
+        proof = certificate.with_name(f"{stem}.cost.json")
+        write_atomically(proof, made.weighed.certificate)
     return Bracketed(study, made, certificate, short, proof)

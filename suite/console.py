@@ -17,6 +17,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 from fmus.markup import one_line
+from suite import weighing
 from suite.campaign import RunResult
 from suite.command import harmless
 from suite.evidence import number
@@ -144,6 +145,11 @@ def show_bound(done: Bracketed) -> None:
     command = made.bound.command
     if command is not None and (made.bound.switches is not None or _short(command)):
         console.print(command_table(command, study.plant.input_unit))
+    if made.weighed is not None:
+        fuel = f"{study.plant.input_unit or 'input'}·s"
+        for line in weighing.lines(made.weighed, float(study.plant.initial_input), fuel):
+            console.print(escape(line), soft_wrap=True)
+        console.print(command_table(made.weighed.command, study.plant.input_unit))
     if made.cancelled is not None:
         console.print("through the filter:")
         console.print(command_table(made.cancelled.command, study.plant.input_unit))

@@ -13,6 +13,7 @@ from relaxations.commands import Command
 from relaxations.errors import ManeuverError, PlantError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.onoff.held import towards
+from relaxations.onoff.weights import Weighted
 from relaxations.plants import LinearPlant
 from relaxations.proofs import minimum_time
 from relaxations.varying import resampled, varying_problem
@@ -23,6 +24,7 @@ from suite.shaped import Shaped, shaped
 from suite.starts import required_start
 from suite.study import Study
 from suite.varying import study_plant
+from suite.weighing import status, weighed
 
 KEYS = {"file": "file", "shaper": "shaper", "pole-zero": "delays"}
 """The key of [command] that a kind's command comes from."""
@@ -43,6 +45,7 @@ class Design:
     step: float | None = None
     shaped: Shaped | None = None
     cancelled: Cancelled | None = None
+    weighed: Weighted | None = None
 
     @property
     def samples(self) -> int | None:
@@ -56,6 +59,8 @@ class Design:
         """What a reader should know about the command."""
         if self.shaped is not None and self.command is not None:
             return (self._told_of(self.shaped),)
+        if self.weighed is not None:
+            return (self._told_of_cost(self.weighed),)
         if self.bound.free is not None:
             return (_told_of_form(self.bound),)
         if self.cancelled is not None and self.command is not None:
@@ -83,6 +88,14 @@ class Design:
         return (
             f"The command is {what}, shaped ({how}); it takes {time:.9g} s{more}. It is measured; proven is what stands "
             "with its shaper, and the bracket, which is about the fastest of all commands."
+        )
+
+    def _told_of_cost(self, found: Weighted) -> str:
+        """That the command is another one than the bracket's, and what is proven of it."""
+        low, high = ("–" if side is None else f"{side:.12g}" for side in (found.lower, found.upper))
+        return (
+            f"The command is that of the least cost T + {float(found.price):g} · fuel, between {low} and {high} s ({status(found)}, by a "
+            "certificate of its own), not the fastest one; the bracket is about the fastest of all commands."
         )
 
     def _told_of_filter(self, made: Cancelled) -> str:
@@ -175,14 +188,17 @@ def design(study: Study) -> Design:
     filtered = None
     if study.command.cancelling is not None and bound.status is not Status.IMPOSSIBLE:
         filtered = cancelled(study, study.command.cancelling, plant, posed)
-    own = made or filtered
+    alpha, found = study.command.alpha, None
+    if alpha is not None and bound.status is not Status.IMPOSSIBLE:
+        found = weighed(study, posed, Fraction(alpha))
+    own = made or filtered or found
     command = own.command if own is not None else study.command.given or bound.command
     if command is not None and study.command.start:
         if not command.segments:
             why = "the command is a tail alone, without a segment whose start could be shifted; leave it out"
             raise StudyError(str(study.file), [Mistake("command.start", study.command.start, why)])
         command = command.shifted(float(study.command.start))
-    return Design(plant, posed, bound, command, shaped=made, cancelled=filtered)
+    return Design(plant, posed, bound, command, shaped=made, cancelled=filtered, weighed=found)
 
 
 def grid_step(study: Study) -> float | None:
@@ -224,6 +240,9 @@ def on_grid(study: Study, made: Design) -> Design:
         place = f"command.{KEYS[study.command.kind]}" if given else "command.start"
         why = f"the FMU takes communication steps of one size only, but {trouble}"
         raise StudyError(str(study.file), [Mistake(place, ABSENT, why)]) from None
+    if made.weighed is not None:
+        why = f"the FMU takes communication steps of {step!r} s only: the least cost of commands on samples is not known"
+        raise StudyError(str(study.file), [Mistake("command.alpha", study.command.alpha, why)])
     try:
         grid = Fraction(repr(step))
         varies = made.problem.transition is not None

@@ -13,13 +13,14 @@ import numpy as np
 
 from fmus.confinement import in_force
 from relaxations.bounds import Bound
+from relaxations.onoff.weights import Weighted
 from relaxations.response import jumps
 from relaxations.shaping.sensitivity import residual
 from reports import charts, files, junit, layouts, logs, manifest, pages
-from suite import bundles
+from suite import bundles, weighing
 from suite.bound_records import bound_record
 from suite.campaign import RunResult, interface
-from suite.checks import CERTIFICATE, ON_GRID, trusted
+from suite.checks import CERTIFICATE, COST, ON_GRID, trusted
 from suite.design import Design
 from suite.observations import INPUT, observe
 from suite.quantities import Observation
@@ -93,6 +94,7 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         "bound": bound,
         "command": None if design.command is None else design.command.to_dict(),
         "shaper": None if design.shaped is None else _shaper(design.shaped),
+        **({} if design.weighed is None else {"weighted": _weighted(study, design.weighed)}),
         **({} if design.cancelled is None else {"prefilter": design.cancelled.to_dict()}),
         "simulation": None if not runs else runs[0].simulation,
         "grid": None if design.sampled is None else _grid(design, design.sampled),
@@ -115,6 +117,11 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         "notes": [*study.notes, *design.notes, *design.plant.notes, *([] if study.requirements else [NO_REQUIREMENT])],
         "environment": environment(),
     }
+
+
+def _weighted(study: Study, found: Weighted) -> dict[str, Any]:
+    """The least cost, with the file that proves it."""
+    return weighing.record(found, float(study.plant.initial_input), None if found.certificate is None else COST)
 
 
 def _shaper(made: Shaped) -> dict[str, Any]:
@@ -232,6 +239,8 @@ def write(folder: Path, results: Mapping[str, Any], study: Study, design: Design
     files.write_atomically(folder / "plant" / "hashes.json", files.json_bytes(hashes))
     if design.bound.certificate is not None:
         files.write_atomically(folder / CERTIFICATE, design.bound.certificate)
+    if design.weighed is not None and design.weighed.certificate is not None:
+        files.write_atomically(folder / COST, design.weighed.certificate)
     if design.sampled is not None and design.sampled.certificate is not None:
         files.write_atomically(folder / ON_GRID, design.sampled.certificate)
     files.write_atomically(folder / RESULTS, files.json_bytes(results))

@@ -203,8 +203,9 @@ class CommandRequest:
 
     `robustness` may count them mode by mode (`{"mode[2]": 1, "real[1]": 1}`), or be "box": every plant of the box may keep a residual of
     `tolerance`, a fraction of the displacement, and come to rest up to `final_tolerance` of it from the target (None: anywhere). With
-    `tail` only the output has to rest. Of `type` 1 are pulses towards the target first, then pulses against it; 2 is any order. The
-    command begins `start` seconds after the beginning of a run.
+    `tail` only the output has to rest. Of `type` 1 are pulses towards the target first, then pulses against it; 2 is any order. With a
+    price `alpha` of fuel the command is that of the least `∫ (1 + alpha |u|) dt` (None: the fastest). The command begins `start` seconds
+    after the beginning of a run.
     """
 
     kind: Literal["time-optimal", "fuel-efficient", "shaper", "pole-zero", "file"] = "time-optimal"
@@ -218,6 +219,7 @@ class CommandRequest:
     shaper: ShaperRequest | None = None
     cancelling: CancellingRequest | None = None
     type: int = 2
+    alpha: Decimal | None = None
 
 
 @dataclass(frozen=True, slots=True)

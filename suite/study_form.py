@@ -1,4 +1,4 @@
-"""`command.type` and `kind = "fuel-efficient"`: what the form of pulses one way, then the other, does not go with."""
+"""`command.type`, `kind = "fuel-efficient"` and `command.alpha`: what a form of pulses, or a price of fuel, does not go with."""
 
 from __future__ import annotations
 
@@ -39,5 +39,27 @@ def form_mistakes(study: schema.Written) -> Iterator[Mistake]:
     if study.plant is not None and study.plant.schedule is not None:
         yield Mistake("plant.schedule", ABSENT, why)
     for name in ("sample_time", "rate", "deflection") if limits is not None else ():
+        if (value := getattr(limits, name)) is not None:
+            yield Mistake(f"limits.{name}", ABSENT if name == "deflection" else value, why)
+
+
+def price_mistakes(study: schema.Written) -> Iterator[Mistake]:
+    """Mistakes between a price of fuel and other keys."""
+    command, limits = study.command, study.limits
+    if command is None or not command.alpha:
+        return
+    why = "contradicts command.alpha: fuel is weighed against the time of moves from rest to state rest, within limits of the input alone"
+    if profile(command) == 1:
+        key, value = ("command.type", 1) if command.type == 1 else ("command.kind", command.kind)
+        yield Mistake(key, value, "contradicts command.alpha: fuel is weighed against the time of commands of any form")
+    if command.tail:
+        yield Mistake("command.tail", True, why)
+    if command.robustness == "box":
+        yield Mistake("command.robustness", "box", f"{why}; valid are further zeros, 0, 1, 2 …")
+    if study.maneuver is not None and study.maneuver.initial_state is not None:
+        yield Mistake("maneuver.initial_state", ABSENT, why)
+    if study.plant is not None and study.plant.schedule is not None:
+        yield Mistake("plant.schedule", ABSENT, why)
+    for name in ("fuel", "rate", "deflection", "sample_time", "pulse_width", "pulses") if limits is not None else ():
         if (value := getattr(limits, name)) is not None:
             yield Mistake(f"limits.{name}", ABSENT if name == "deflection" else value, why)

@@ -200,7 +200,9 @@ def _command(written: schema.Command, folder: Path, names: PlantNames | None, mi
     tolerance, final = (written.tolerance, written.final_tolerance) if written.robustness == "box" else (None, None)
     kind: Literal["time-optimal", "fuel-efficient"] = "fuel-efficient" if written.kind == "fuel-efficient" else "time-optimal"
     form = profile(written)
-    return CommandRequest(kind, written.robustness or 0, bool(written.tail), tolerance, final, start, type=form)
+    return CommandRequest(
+        kind, written.robustness or 0, bool(written.tail), tolerance, final, start, type=form, alpha=written.alpha or None
+    )
 
 
 def _within(command: Command, file: str | None, limits: schema.Limits, plant: Plant | None, mistakes: list[Mistake]) -> None:

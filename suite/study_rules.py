@@ -8,7 +8,7 @@ from typing import Any
 
 from suite import schema
 from suite.errors import ABSENT, Mistake
-from suite.study_form import form_mistakes
+from suite.study_form import form_mistakes, price_mistakes
 
 
 def _given(_: object) -> bool:
@@ -21,7 +21,6 @@ def _one_of(*refused: str) -> Callable[[object], bool]:
 
 UNSUPPORTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     # Path: for which values it is refused, and what is possible instead. A key leaves this table when this version honours it.
-    "command.alpha": (_given, "limits.fuel is a budget; a price of fuel beside the time is not"),
     "uncertainty.distribution": (_given, "range is supported"),
     "uncertainty.sampling": (_one_of("sobol", "random"), '"grid" is supported'),
     "cluster": (bool, "all runs are computed on this machine"),
@@ -95,6 +94,7 @@ def contradictions(study: schema.Written) -> Iterator[Mistake]:
     if study.command:
         yield from _command(study.command)
         yield from form_mistakes(study)
+        yield from price_mistakes(study)
         if study.command.tail and study.limits and study.limits.sample_time is not None:
             why = "contradicts limits.sample_time: a tail decays after the move, and is not constant over a sample"
             yield Mistake("command.tail", True, why)

@@ -94,6 +94,8 @@ def tabulate(
 
     Proofs are written to the folder `certificates`. Raises `StudyError` for a displacement that the study's limits exclude.
     """
+    if study.command.alpha is not None:
+        raise StudyError(str(study.file), [Mistake("command.alpha", study.command.alpha, "a table is one of the fastest commands")])
     if study.command.kind != "time-optimal":
         raise StudyError(str(study.file), [Mistake("command.kind", study.command.kind, "a table is one of time-optimal commands")])
     if study.limits.pulse_width is not None or study.limits.pulses is not None:

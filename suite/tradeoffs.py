@@ -200,6 +200,8 @@ class Plan:
 def plan(study: Study, tolerances_: str | None = None, widths_: str | None = None) -> Plan:
     """Choose the points; raises `StudyError` for a study that has no such trade-off, `TradeoffError` for options that make no sense."""
     mistakes, notes = [], []
+    if study.command.alpha is not None:
+        mistakes.append(Mistake("command.alpha", study.command.alpha, "a trade-off is one of the fastest commands"))
     if study.command.kind != "time-optimal":
         mistakes.append(Mistake("command.kind", study.command.kind, "a trade-off is one of time-optimal commands"))
     if study.command.type == 1:

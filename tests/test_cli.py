@@ -57,7 +57,7 @@ BAD = {
     "not TOML": ("title == 1", ["TOML", "line 1"]),
     "nothing": ("", ["[plant] is missing", "[maneuver] is missing", "[limits] is missing"]),
     "requirement without a limit": (SPRING + requirement(max=""), ["requirement[1]", "no limit"]),
-    "unsupported": (SPRING + "[command]\nalpha = 0.1\n", ["command.alpha", "not supported by this version"]),
+    "unsupported": (SPRING + "[cluster]\nworkers = 2\n", ["cluster", "not supported by this version"]),
 }
 
 

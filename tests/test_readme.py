@@ -200,7 +200,6 @@ def test_the_requirement_of_the_example_can_be_written():
 
 def test_what_is_not_there_yet_is_named():
     words = {
-        "command.alpha": "a price of fuel beside the time",
         "uncertainty.distribution": "random samples",
         "uncertainty.sampling": "random samples",
         "cluster": "clusters",

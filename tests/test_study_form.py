@@ -68,7 +68,7 @@ REFUSED = {
     "limits.rate": ("type = 1", "rate = [-1.0, 1.0]", "", "at any instants"),
     "limits.deflection": ("type = 1", "deflection = { output_rate = 1.0 }", "", "at any instants"),
     "command.tail": ("type = 1\ntail = true", "", "", "state rest"),
-    "command.alpha": ("alpha = 0.1", "", "", "not supported"),
+    "command.kind": ('kind = "fuel-efficient"\nalpha = 0.1', "", "", "any form"),
     "limits.pulses": ("type = 1", "pulses = 1", "", "takes 2 pulses"),
 }
 

@@ -186,7 +186,6 @@ UNSUPPORTED_VALUES = {
     "limits.tail_length": "[limits]\ntail_length = { time = 1, within = 0.1 }",
     "command.final_tolerance": "[command]\nfinal_tolerance = 0.1\n",
     "command.tail": "[command]\ntail = true",
-    "command.alpha": "[command]\nalpha = 0.1",
     "uncertainty.distribution": "[[uncertainty]]\nparameter = 'k'\ndistribution = { kind = 'uniform', lower = 1, upper = 2 }",
     "uncertainty.sampling": "[[uncertainty]]\nparameter = 'k'\nsampling = 'sobol'",
     "cluster": "[cluster]\nworkers = 2",
