@@ -18,6 +18,8 @@ from relaxations.checking.claims import Check, Outcome, check, claim
 CERTIFICATE = "certificate.json"
 COST = "certificate.cost.json"
 """Of fuel weighed against time, where the study has a price of it."""
+LEAST_FUEL = "certificate.least-fuel.json"
+"""Of the most fuel that is too little, where the study's budget is."""
 ON_GRID = "certificate.grid.json"
 """Of the commands that an FMU with one step size can follow, where the study speaks of all commands."""
 EXIT = {Outcome.PROVED: 0, Outcome.REFUTED: 1, Outcome.MALFORMED: 2, Outcome.INCONCLUSIVE: 3}

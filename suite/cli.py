@@ -44,7 +44,9 @@ def main() -> None:
 
 @main.command()
 @click.argument("study", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Evidence folder; default: NAME-evidence in the current folder.")
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), help="Evidence folder; default: NAME-evidence in the current folder."
+)
 @click.option("--jobs", type=click.IntRange(1, 256), default=lambda: os.cpu_count() or 1, show_default="cores", help="Runs at a time.")
 @click.option("--resume", is_flag=True, help="Go on with a campaign that was cut short.")
 @click.option("--force", is_flag=True, help="Replace an evidence folder that exists.")
@@ -77,7 +79,9 @@ def verify(study: Path, out: Path | None, jobs: int, resume: bool, force: bool, 
 @main.command()
 @click.argument("paths", nargs=-1, required=True, metavar="STUDY|FOLDER...", type=click.Path(exists=True, path_type=Path))
 @click.option("--shaper", "kinds", multiple=True, metavar="KIND", help="Compare the study with these shapers; one or several.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the page, and for the evidence of studies.")
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the page, and for the evidence of studies."
+)
 @click.option("--jobs", type=click.IntRange(1, 256), default=lambda: os.cpu_count() or 1, show_default="cores", help="Runs at a time.")
 @click.option("--force", is_flag=True, help="Replace evidence folders that exist.")
 @SANDBOX
@@ -113,7 +117,11 @@ def bound(studies: tuple[Path, ...], certificate: Path | None, as_json: bool) ->
     from suite.collection import bracket, collect
 
     files = collect(studies)
-    if len(files) == 1 and not studies[0].is_dir():
+    single = len(files) == 1 and not studies[0].is_dir()
+    if certificate is not None and certificate.exists() and certificate.is_dir() == single:
+        what = "is a folder; name a file" if single else "is a file; the proofs of several studies go into a folder"
+        raise click.UsageError(f"--certificate {certificate}: {what}")
+    if single:
         done = bracket(files[0], certificate)
         if as_json:
             print_json(done.to_dict())
@@ -325,10 +333,10 @@ def linearize(
 @click.option("--move", type=float, help="Design a move by this much together with the shaper; the rest is in the same unit.")
 @click.option("--input", metavar="LOW:HIGH", help="Limits of the move's input: its acceleration, or speed with --order 1.")
 @click.option("--order", type=click.IntRange(1, 2), default=2, show_default=True, help="Of the body: 2, accelerated; 1, driven by speed.")
-@click.option("--command", "command", type=click.Path(path_type=Path), help="Write that move's command to this file.")
-@click.option("--certificate", type=click.Path(path_type=Path), help="Write the proof of its time to this file.")
+@click.option("--command", "command", type=click.Path(dir_okay=False, path_type=Path), help="Write that move's command to this file.")
+@click.option("--certificate", type=click.Path(dir_okay=False, path_type=Path), help="Write the proof of its time to this file.")
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="Draw sensitivity and step response to this file (.svg).")
-@click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),
+@click.option("--export", "exports", multiple=True, type=click.Path(dir_okay=False, path_type=Path),
               help="Write it for others: .cfg (Klipper), .g (RepRapFirmware), .h (C).")  # fmt: skip
 @click.option("--save", type=click.Path(dir_okay=False, path_type=Path), help="Write a shaper file, for `slewcert fmus export`.")
 @click.option(

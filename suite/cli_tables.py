@@ -15,7 +15,7 @@ from suite.command import AS_JSON, FAILED, SANDBOX, guarded, print_json
 @click.command()
 @click.argument("study", type=click.Path(path_type=Path))
 @click.option("--displacements", required=True, metavar="LO:HI:N", help="N equally spaced displacements, both ends included.")
-@click.option("--export", "exports", multiple=True, type=click.Path(path_type=Path),
+@click.option("--export", "exports", multiple=True, type=click.Path(dir_okay=False, path_type=Path),
               help="Write it for a controller: .h (C), .st (IEC 61131-3 Structured Text), .csv.")  # fmt: skip
 @click.option("--certificates", type=click.Path(path_type=Path, file_okay=False), help="Write every row's proof into this folder.")
 @SANDBOX

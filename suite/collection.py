@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from decimal import ROUND_FLOOR
 from pathlib import Path
 
 from relaxations.bounds import Status
-from relaxations.onoff.enough import TooLittle, too_little
 from reports.files import write_atomically
 from suite import weighing
 from suite.bound_records import bound_record
-from suite.design import Design, design
+from suite.design import Design, design, least_fuel_words
 from suite.errors import SuiteError
 from suite.loading import load_study
-from suite.rounding import outward
 from suite.study import Study
 
 
@@ -27,14 +24,12 @@ class CollectionError(SuiteError):
 class Bracketed:
     """A study with its design; `certificate` is the file that the proof was written to, if any.
 
-    `short` is the most fuel that is proven to be too little, where the study's own budget is, and `proof` the file that says so, or that
-    of the least cost.
+    `proof` is the file of what else is proven: that the study's budget of fuel is too little, or the least cost.
     """
 
     study: Study
     design: Design
     certificate: Path | None
-    short: TooLittle | None = None
     proof: Path | None = None
 
     @property
@@ -43,19 +38,20 @@ class Bracketed:
         return self.design.bound.status is Status.IMPOSSIBLE
 
     @property
-    def least(self) -> str | None:
-        """What every command needs of fuel, in words, where the study's budget is too little."""
-        if self.short is None:
-            return None
-        needed = f"{outward(self.short.below, ROUND_FLOOR)} {self.study.plant.input_unit or 'input'}·s"
-        return f"least fuel: every command needs {needed} or more, however long it takes (proved)"
+    def told(self) -> Iterator[str]:
+        """What else is proven, in words: the fuel that every command needs, where the study's budget is too little; the least cost."""
+        plant, least, found = self.study.plant, self.design.least, self.design.weighed
+        if least is not None:
+            yield f"least fuel: {least_fuel_words(least, plant.input_unit)}"
+        if found is not None:
+            yield from weighing.lines(found, float(plant.initial_input), f"{plant.input_unit or 'input'}·s")
 
     def to_dict(self) -> dict[str, object]:
         """The object of `bound --json` (docs/schemas.md)."""
         bound, rest = self.design.bound, float(self.study.plant.initial_input)
         record = bound_record(bound, bound.command, rest, None if self.certificate is None else str(self.certificate))
-        if self.short is not None:
-            record["least_fuel"] = {"lower": self.short.below, "certificate": None if self.proof is None else str(self.proof)}
+        if self.design.least is not None:
+            record["least_fuel"] = {"lower": self.design.least, "certificate": None if self.proof is None else str(self.proof)}
         if self.design.weighed is not None:
             record["weighted"] = weighing.record(self.design.weighed, rest, None if self.proof is None else str(self.proof))
         made = self.design.cancelled
@@ -80,16 +76,15 @@ def bracket(file: Path, certificate: Path | None = None) -> Bracketed:
     """
     study = load_study(file)
     made = design(study)
-    short = too_little(made.problem) if made.bound.status is Status.IMPOSSIBLE else None
     content = made.bound.certificate
     if certificate is None or content is None:
-        return Bracketed(study, made, None, short)
+        return Bracketed(study, made, None)
     write_atomically(certificate, content)
     stem, proof = certificate.name.removesuffix(".json"), None
-    if short is not None:
+    if made.short is not None:
         proof = certificate.with_name(f"{stem}.least-fuel.json")
-        write_atomically(proof, short.certificate)
+        write_atomically(proof, made.short.certificate)
     if made.weighed is not None and made.weighed.certificate is not None:
         proof = certificate.with_name(f"{stem}.cost.json")
         write_atomically(proof, made.weighed.certificate)
-    return Bracketed(study, made, certificate, short, proof)
+    return Bracketed(study, made, certificate, proof)

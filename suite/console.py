@@ -17,7 +17,6 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 from fmus.markup import one_line
-from suite import weighing
 from suite.campaign import RunResult
 from suite.command import harmless
 from suite.evidence import number
@@ -140,19 +139,15 @@ def show_bound(done: Bracketed) -> None:
     study, made, console = done.study, done.design, out()
     console.print(escape(study.title or study.file.name), style="bold")
     _show_bracket(console, done.to_dict())
-    if done.least is not None:
-        console.print(escape(done.least), soft_wrap=True)
+    for line in done.told:
+        console.print(escape(line), soft_wrap=True)
     command = made.bound.command
     if command is not None and (made.bound.switches is not None or _short(command)):
         console.print(command_table(command, study.plant.input_unit))
-    if made.weighed is not None:
-        fuel = f"{study.plant.input_unit or 'input'}·s"
-        for line in weighing.lines(made.weighed, float(study.plant.initial_input), fuel):
-            console.print(escape(line), soft_wrap=True)
-        console.print(command_table(made.weighed.command, study.plant.input_unit))
-    if made.cancelled is not None:
-        console.print("through the filter:")
-        console.print(command_table(made.cancelled.command, study.plant.input_unit))
+    for heading, one in (("at the least cost:", made.weighed), ("through the filter:", made.cancelled)):
+        if one is not None:
+            console.print(heading)
+            console.print(command_table(one.command, study.plant.input_unit))
     own = made.notes if made.cancelled is not None or made.bound.free is not None else ()
     for note in dict.fromkeys((*study.notes, *own, *made.plant.notes, *made.problem.notes)):
         console.print(f"note: {escape(note)}", soft_wrap=True)

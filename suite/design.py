@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from decimal import ROUND_FLOOR
 from fractions import Fraction
 
 from fmus import plans
@@ -12,6 +13,7 @@ from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
 from relaxations.errors import ManeuverError, PlantError
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
+from relaxations.onoff.enough import TooLittle, too_little
 from relaxations.onoff.held import towards
 from relaxations.onoff.weights import Weighted
 from relaxations.plants import LinearPlant
@@ -20,6 +22,7 @@ from relaxations.varying import resampled, varying_problem
 from suite.cancelled import Cancelled, cancelled
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.plants import box, nominal_plant
+from suite.rounding import outward
 from suite.shaped import Shaped, shaped
 from suite.starts import required_start
 from suite.study import Study
@@ -35,6 +38,7 @@ class Design:
     """What a study comes to: the linear plant, the problem it poses, the bracket, and the command (None if none was found).
 
     `sampled` is where the command comes from if the FMU's step size forces it onto a grid: the bracket of such commands, of `step` [s].
+    `weighed` is the least cost, where fuel has a price; `short` the most fuel that is proven to be too little, where the study's budget is.
     """
 
     plant: LinearPlant
@@ -46,6 +50,12 @@ class Design:
     shaped: Shaped | None = None
     cancelled: Cancelled | None = None
     weighed: Weighted | None = None
+    short: TooLittle | None = None
+
+    @property
+    def least(self) -> float | None:
+        """What every command needs of fuel, proven, where the study's budget is too little for any."""
+        return None if self.short is None else self.short.below
 
     @property
     def samples(self) -> int | None:
@@ -107,6 +117,11 @@ class Design:
             f'The command is a step through a pole-zero cancelling filter of {delays}, form "{made.form}"; it takes {time:.9g} s{more}. '
             "It is the shortest of its form that was found; proven is the bracket, of all commands within the limits."
         )
+
+
+def least_fuel_words(least: float, unit: str) -> str:
+    """What every command needs of fuel, in words."""
+    return f"every command needs {outward(least, ROUND_FLOOR)} {unit or 'input'}·s or more, however long it takes (proved)"
 
 
 def _enough_pulses(study: Study, plant: LinearPlant) -> None:
@@ -191,6 +206,7 @@ def design(study: Study) -> Design:
     alpha, found = study.command.alpha, None
     if alpha is not None and bound.status is not Status.IMPOSSIBLE:
         found = weighed(study, posed, Fraction(alpha))
+    short = too_little(posed) if bound.status is Status.IMPOSSIBLE else None
     own = made or filtered or found
     command = own.command if own is not None else study.command.given or bound.command
     if command is not None and study.command.start:
@@ -198,7 +214,7 @@ def design(study: Study) -> Design:
             why = "the command is a tail alone, without a segment whose start could be shifted; leave it out"
             raise StudyError(str(study.file), [Mistake("command.start", study.command.start, why)])
         command = command.shifted(float(study.command.start))
-    return Design(plant, posed, bound, command, shaped=made, cancelled=filtered, weighed=found)
+    return Design(plant, posed, bound, command, shaped=made, cancelled=filtered, weighed=found, short=short)
 
 
 def grid_step(study: Study) -> float | None:

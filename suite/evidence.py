@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import math
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,8 @@ from reports import charts, files, junit, layouts, logs, manifest, pages
 from suite import bundles, weighing
 from suite.bound_records import bound_record
 from suite.campaign import RunResult, interface
-from suite.checks import CERTIFICATE, COST, ON_GRID, trusted
-from suite.design import Design
+from suite.checks import CERTIFICATE, COST, LEAST_FUEL, ON_GRID, trusted
+from suite.design import Design, least_fuel_words
 from suite.observations import INPUT, observe
 from suite.quantities import Observation
 from suite.quantity_names import UnitKind
@@ -60,6 +60,8 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
     certificate = None if design.bound.certificate is None else CERTIFICATE
     bound = bound_record(design.bound, design.bound.command, float(study.plant.initial_input), certificate)
     del bound["seconds"]
+    if design.least is not None:
+        bound["least_fuel"] = {"lower": design.least, "certificate": LEAST_FUEL}
     return {
         "format": FORMAT,
         "title": study.title,
@@ -114,9 +116,21 @@ def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs:
         "units": [{"path": c.path, "written": c.written, "value": float(c.value), "unit": c.unit} for c in study.conversions],
         "unproven": [*([BRACKETED.format(reason=design.bound.reason)] if design.bound.reason else []), *UNPROVEN],
         "trust_base": _trust_base(),
-        "notes": [*study.notes, *design.notes, *design.plant.notes, *([] if study.requirements else [NO_REQUIREMENT])],
+        "notes": [
+            *study.notes,
+            *_needed(study, design),
+            *design.notes,
+            *design.plant.notes,
+            *([] if study.requirements else [NO_REQUIREMENT]),
+        ],
         "environment": environment(),
     }
+
+
+def _needed(study: Study, design: Design) -> Iterator[str]:
+    """The fuel that every command needs, where the study has less."""
+    if design.least is not None:
+        yield f"limits.fuel is too little: {least_fuel_words(design.least, study.plant.input_unit)}."
 
 
 def _weighted(study: Study, found: Weighted) -> dict[str, Any]:
@@ -241,6 +255,8 @@ def write(folder: Path, results: Mapping[str, Any], study: Study, design: Design
         files.write_atomically(folder / CERTIFICATE, design.bound.certificate)
     if design.weighed is not None and design.weighed.certificate is not None:
         files.write_atomically(folder / COST, design.weighed.certificate)
+    if design.short is not None:
+        files.write_atomically(folder / LEAST_FUEL, design.short.certificate)
     if design.sampled is not None and design.sampled.certificate is not None:
         files.write_atomically(folder / ON_GRID, design.sampled.certificate)
     files.write_atomically(folder / RESULTS, files.json_bytes(results))

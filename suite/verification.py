@@ -15,7 +15,7 @@ from relaxations.bounds import Status
 from reports import files
 from suite import evidence
 from suite.campaign import RunResult, Sample, carry_out, interface, samples, settle
-from suite.design import Design, design, on_grid
+from suite.design import Design, design, least_fuel_words, on_grid
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.folders import LEDGER, check, prepare
 from suite.ledger import Ledger
@@ -79,7 +79,8 @@ def verify(
     if made.command is None:
         impossible = made.bound.status is Status.IMPOSSIBLE
         verdict = Verdict.FAIL if impossible else Verdict.UNDECIDED
-        reason = f"{Status.IMPOSSIBLE.value} (see the certificate)" if impossible else made.bound.reason or "no command was found"
+        least = "" if made.least is None else f"; {least_fuel_words(made.least, study.plant.input_unit)}"
+        reason = f"{Status.IMPOSSIBLE.value} (see the certificate){least}" if impossible else made.bound.reason or "no command was found"
         judgements = tuple(replace(judgement, verdict=verdict, reason=reason) for judgement in judgements)
     if study.keep_logs == "worst":
         runs = _drop(folder, runs, judgements)

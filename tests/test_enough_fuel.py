@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from made_fmus import linear_fmu
 
 from relaxations.checking.claims import Outcome, check
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
@@ -20,6 +21,7 @@ LAG = LinearPlant.from_transfer([1], [1, 1, 0])
 PENDULUM = LinearPlant.from_transfer([1], [1, 0, 1])
 MASS = LinearPlant.from_transfer([1], [1, 0, 0])
 SWING = (Fraction("1.7"), Fraction("0.3"))
+REQUIRED = '[[requirement]]\nid = "TIME"\nquantity = "maneuver_time"\nmax = 8\nunit = "s"\n'
 STUDY = "[plant]\nnumerator = [1]\ndenominator = [1, 1, 0]\n[maneuver]\ndisplacement = 3\n[limits]\ninput = [-1, 1]\nfuel = "
 
 
@@ -78,3 +80,19 @@ def test_bound_says_nothing_of_it_where_there_is_enough(tmp_path: Path) -> None:
     file.write_text(f"{STUDY}3.5\n")
     done = CliRunner().invoke(main, ["bound", str(file), "--json"], catch_exceptions=False)
     assert "least_fuel" not in json.loads(done.stdout)
+
+
+def test_verify_says_it_and_keeps_the_certificate(tmp_path: Path) -> None:
+    fmu = linear_fmu("lagging", [[0.0, 1.0], [0.0, -1.0]], [0.0, 1.0], [1.0, 0.0])
+    file, folder = tmp_path / "s.toml", tmp_path / "out"
+    limited = STUDY[STUDY.index("[maneuver]") :]
+    file.write_text(f'[plant]\nfmu = "{fmu}"\ninput = "u"\noutput = "y"\n{limited}2\n{REQUIRED}')
+    done = CliRunner().invoke(main, ["verify", str(file), "--out", str(folder)], catch_exceptions=False)
+    assert done.exit_code == 1
+    assert "every command needs 2.99999" in done.stdout
+    found = json.loads((folder / "results.json").read_text())
+    assert 3 - 3e-6 <= found["bound"]["least_fuel"]["lower"] <= 3.0
+    assert "every command needs 2.99999" in found["requirements"][0]["reason"]
+    assert "every command needs 2.99999" in (folder / "report.html").read_text()
+    told = check((folder / found["bound"]["least_fuel"]["certificate"]).read_bytes())
+    assert told.outcome is Outcome.PROVED

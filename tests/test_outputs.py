@@ -69,7 +69,40 @@ def test_another_file_that_exists_is_replaced(study: Path) -> None:
     assert kept.read_text(encoding="utf-8").startswith("{")
 
 
-@pytest.mark.parametrize(("command", "option"), [("fuel", "--out"), ("fuel", "--certificates"), ("tradeoff", "--certificates")])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("bound", "STUDY", "--certificate", "FOLDER"),
+        ("table", "STUDY", "--displacements", "1:2:2", "--export", "FOLDER"),
+        ("shaper", "zv", "--mode", "1Hz:0.1", "--export", "FOLDER"),
+        ("shaper", "zv", "--mode", "1Hz:0.1", "--move", "1", "--input", "-1:1", "--command", "FOLDER"),
+        ("shaper", "zv", "--mode", "1Hz:0.1", "--move", "1", "--input", "-1:1", "--certificate", "FOLDER"),
+    ],
+)
+def test_a_folder_in_place_of_a_file_is_refused_before_anything(study: Path, words: tuple[str, ...]) -> None:
+    folder = study.parent / "taken.cfg"
+    folder.mkdir()
+    named = [str({"STUDY": study, "FOLDER": folder}.get(word, word)) for word in words]
+    done = CliRunner().invoke(main, named, catch_exceptions=False)
+    assert done.exit_code == 2
+    assert words[-2] in done.stderr
+    assert "is a folder" in done.stderr or "is a directory" in done.stderr
+    assert not any(folder.iterdir())
+
+
+def test_the_proofs_of_several_studies_go_into_a_folder(study: Path) -> None:
+    taken = study.parent / "taken"
+    taken.write_text("mine", encoding="utf-8")
+    done = CliRunner().invoke(main, ["bound", str(study), str(study), "--certificate", str(taken)], catch_exceptions=False)
+    assert done.exit_code == 2
+    assert "into a folder" in done.stderr
+    assert taken.read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [("fuel", "--out"), ("fuel", "--certificates"), ("tradeoff", "--certificates"), ("compare", "--out"), ("verify", "--out")],
+)
 def test_a_folder_that_is_a_file_is_refused_at_once(study: Path, command: str, option: str) -> None:
     taken = study.parent / "taken"
     taken.write_text("mine", encoding="utf-8")
