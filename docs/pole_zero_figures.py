@@ -13,68 +13,36 @@ import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pole_zero_claims import AFTER, HARMONIC, ROOT_2, TURN, course, elevator, eleven, filters, reference
 
 from relaxations.cancelling.closed_forms import pole_first, pole_last, step_and_pole_last
 from relaxations.cancelling.prefilters import Prefilter
+from relaxations.cancelling.sweeps import share, sweep
 from relaxations.plants import LinearPlant
 from relaxations.response import response
 from relaxations.shaping.modes import Mode
 from reports import charts
 from reports.bundle_charts import Bundle, Run, bundles
+from reports.prefilter_charts import families
 
-COLOURS = (charts.LINE, charts.SECOND, charts.FOURTH, charts.INK, charts.LIMIT)
-STYLES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)), (0, (9, 3)))
 RECIPROCALS = np.linspace(0.0, 8.0, 161)[1:]  # 1/α [s]
 DAMPINGS = (0.0, 0.25, 0.5, 0.75, 1.0)  # φ of the complex zeros
 FREQUENCIES = np.linspace(2.0, 10.0, 81)  # ψ [rad/s]
-Curves = Mapping[str, tuple[ArrayLike, ArrayLike]]
 Reals = NDArray[np.float64]
-
-
-def panels(
-    name: str, *parts: tuple[str, str, Curves], most: Sequence[float | None] = (), level: float | None = None, steps: bool = False
-) -> str:
-    """Panels over one another: of each its axes' labels and curves; `most` is as high as an axis goes, `level` a line in the first one."""
-
-    def fill(figure: Any, axes: Sequence[Any]) -> None:
-        labels: dict[str, Any] = {}
-        for number, (one, (across, up, curves)) in enumerate(zip(axes, parts, strict=True)):
-            if level is not None and number == 0:
-                one.axhline(level, color=charts.LIMIT, linewidth=1.0, linestyle=(0, (4, 3)), label="the shaper that leaves the zeros alone")
-            for k, (label, (x, y)) in enumerate(curves.items()):
-                draw = one.step if steps else one.plot
-                more = {"where": "post"} if steps else {}
-                draw(x, y, color=COLOURS[k % 5], linestyle=STYLES[k % 5], linewidth=1.4, label=label, **more)
-            if number < len(most) and (limit := most[number]) is not None:
-                one.set_ylim(-limit, limit)
-            one.set_xlabel(across)
-            one.set_ylabel(up)
-            one.margins(x=0.01)
-            labels |= dict(zip(*reversed(one.get_legend_handles_labels()), strict=True))
-        figure.legend(labels.values(), labels.keys(), loc="outside lower center", ncols=3)
-
-    return charts.standalone(charts.panels(name, len(parts), 2.5 * len(parts) + 0.7, fill, stacked=[1.0] * len(parts)))
-
-
-def share(done: Prefilter, start: float) -> float:
-    """What the terms that start at an instant come to, of the filter's static gain."""
-    return math.fsum(term.gain for term in done.terms if term.start == start) / done.gain
 
 
 def parametrisation_1() -> str:
     """Figs. 1 and 2: the pole on the delayed term."""
-    made = [pole_last(HARMONIC, [-1.0 / r]) for r in RECIPROCALS.tolist()]
+    made = sweep(lambda r: pole_last(HARMONIC, [-1.0 / r]), RECIPROCALS.tolist())
     gains = {
-        "A, at once": (RECIPROCALS, [one.gains[0] / one.gain for one in made]),
-        "the delayed term with the pole": (RECIPROCALS, [share(one, one.duration) for one in made]),
+        "A, at once": (RECIPROCALS, [one.step(0) for one in made]),
+        "the delayed term with the pole": (RECIPROCALS, [one.term(1) for one in made]),
     }
     across = "1/α [s]"
-    return panels(
+    return families(
         "Figs. 1 and 2: switch time and gains, the pole on the delayed term",
         (across, "switch time [s]", {"pole-zero cancelling": (RECIPROCALS, [one.duration for one in made])}),
         (across, "share of the static gain", gains),
@@ -84,13 +52,13 @@ def parametrisation_1() -> str:
 
 def parametrisation_2() -> str:
     """Figs. 4 and 5: the pole on the undelayed term."""
-    made = [pole_first(HARMONIC, [-1.0 / r]) for r in RECIPROCALS.tolist()]
+    made = sweep(lambda r: pole_first(HARMONIC, [-1.0 / r]), RECIPROCALS.tolist())
     gains = {
-        "the undelayed term with the pole": (RECIPROCALS, [share(one, 0.0) for one in made]),
-        "A, delayed": (RECIPROCALS, [one.gains[1] / one.gain for one in made]),
+        "the undelayed term with the pole": (RECIPROCALS, [one.term(0) for one in made]),
+        "A, delayed": (RECIPROCALS, [one.step(1) for one in made]),
     }
     across = "1/α [s]"
-    return panels(
+    return families(
         "Figs. 4 and 5: switch time and gains, the pole on the undelayed term",
         (across, "switch time [s]", {"pole-zero cancelling": (RECIPROCALS, [one.duration for one in made])}),
         (across, "share of the static gain", gains),
@@ -116,7 +84,7 @@ def parametrisation_3() -> str:
     first = {name: (times, [row[k] for row in raw]) for k, name in enumerate(names[:2])}
     second_ = {name: (times, [row[k] for row in shares]) for k, name in enumerate(names)}
     positive = {name: (times, [row[k] if min(row) >= 0.0 else math.nan for row in shares]) for k, name in enumerate(names)}
-    return panels(
+    return families(
         "Figs. 6 to 8: gains against the delay, normalised, and where all are positive",
         ("delay T [s]", "gains before normalising", first),
         ("delay T [s]", "share of the static gain", second_),
@@ -126,10 +94,10 @@ def parametrisation_3() -> str:
 
 
 def _families(title: str, pick: Callable[[float, float], Prefilter], values: Sequence[float], over: Reals, name: str, across: str) -> str:
-    made = {value: [pick(value, float(x)) for x in over] for value in values}
+    made = {value: sweep(lambda x, value=value: pick(value, x), over.tolist()) for value in values}
     times = {f"{name} = {value:g}": (over, [one.duration for one in row]) for value, row in made.items()}
-    gains = {f"{name} = {value:g}": (over, [one.gains[0] / one.gain for one in row]) for value, row in made.items()}
-    return panels(title, (across, "switch time [s]", times), (across, "A, share of the static gain", gains), level=math.pi)
+    gains = {f"{name} = {value:g}": (over, [one.step(0) for one in row]) for value, row in made.items()}
+    return families(title, (across, "switch time [s]", times), (across, "A, share of the static gain", gains), level=math.pi)
 
 
 def complex_zeros() -> str:
@@ -162,14 +130,14 @@ def responses() -> str:
             for label, one in (("pole-zero cancelling", pole_last(mode, zeros)), ("shaper that leaves the zeros alone", usual))
         }
         parts.append(("time [s]", f"output, Fig. {figure}", curves))
-    return panels("Figs. 3, 11, 14: outputs of the examples", *parts)
+    return families("Figs. 3, 11, 14: outputs of the examples", *parts)
 
 
 def pitch(title: str, names: Mapping[str, str], until: float) -> str:
     """References and elevators of the aircraft's turn."""
     seen = np.flatnonzero(until >= AFTER)[::2]
     times = AFTER[seen]
-    return panels(
+    return families(
         title,
         ("time [s]", "reference [rad]", {label: (times, reference(name)[seen]) for label, name in names.items()}),
         ("time [s]", "elevator [rad]", {label: (times, elevator(name)[seen]) for label, name in names.items()}),

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
-from suite.command import AS_JSON, SANDBOX, guarded, print_json
+from suite.command import AS_JSON, FAILED, SANDBOX, guarded, print_json
 
 R = TypeVar("R")
 
@@ -76,11 +77,24 @@ def _zeros(text: str) -> tuple[int, ...]:
 @click.option(
     "--plot", type=click.Path(dir_okay=False, path_type=Path), help="Draw the input with its tail, and the output, to this file (.svg)."
 )
+@click.option("--sweep", metavar="NAME=FROM:TO:N",
+              help="Filters against mode[i].frequency, mode[i].damping, zero[i] (factors; a ratio), or delay[k] (seconds).")  # fmt: skip
+@click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), help="Write the filters of --sweep to this file.")
+@click.option("--compare", is_flag=True, help="Beside it filters of steps alone, concurrent and in cascade, and what each leaves.")
 @click.option("--save", type=click.Path(dir_okay=False, path_type=Path), help="Write a filter file, for `slewcert fmus export`.")
 @SANDBOX
 @AS_JSON
 @guarded
-def prefilter(study: Path, plot: Path | None, save: Path | None, as_json: bool, **words: Any) -> None:
+def prefilter(
+    study: Path,
+    plot: Path | None,
+    save: Path | None,
+    sweep: str | None,
+    csv: Path | None,
+    compare: bool,
+    as_json: bool,
+    **words: Any,
+) -> None:
     """Design a filter for the plant of STUDY whose zeros cancel its poles and whose poles cancel its zeros.
 
     Exit code 0: done; 1: none was found, or there is none; 2: bad input.
@@ -93,7 +107,28 @@ def prefilter(study: Path, plot: Path | None, save: Path | None, as_json: bool, 
         raise click.UsageError("--instants are the delays, --sample-time lets them be chosen: give one of them")
     if words["instants"] is not None and words["delays"] not in (None, len(words["instants"])):
         raise click.UsageError(f"--delays {words['delays']} contradicts --instants, which are {len(words['instants'])}")
-    done = prefilters.designed(study, prefilters.Asked(**words))
+    asked = prefilters.Asked(**words)
+    if csv is not None and sweep is None:
+        raise click.UsageError("--csv is the table of a sweep: give --sweep too")
+    if save is not None and (sweep is not None or compare):
+        raise click.UsageError("--save writes one filter, --sweep and --compare are about several: give one of them")
+    if sweep is not None:
+        if compare:
+            raise click.UsageError("--sweep and --compare are two questions: give one of them")
+        _swept(study, asked, sweep, plot, csv, as_json)
+        return
+    done = prefilters.designed(study, asked)
+    if compare:
+        from suite import prefilter_comparisons
+
+        beside = prefilter_comparisons.compared(done)
+        if plot is not None:
+            prefilter_comparisons.draw(beside, plot)
+        if as_json:
+            print_json(beside.to_dict())
+        else:
+            console_prefilters.show_comparison(beside)
+        return
     if plot is not None:
         prefilters.draw(done, plot)
     if save is not None:
@@ -102,3 +137,23 @@ def prefilter(study: Path, plot: Path | None, save: Path | None, as_json: bool, 
         print_json(done.to_dict())
     else:
         console_prefilters.show_prefilter(done)
+
+
+def _swept(study: Path, asked: Any, words: str, plot: Path | None, table: Path | None, as_json: bool) -> None:
+    """`slewcert prefilter --sweep`."""
+    from suite import console_prefilters, prefilter_sweeps
+
+    try:
+        over = prefilter_sweeps.parsed(words)
+    except ValueError as problem:
+        raise click.UsageError(f"--sweep {words}: {problem}") from None
+    done = prefilter_sweeps.swept(study, asked, over)
+    if plot is not None:
+        prefilter_sweeps.draw(done, plot)
+    if table is not None:
+        prefilter_sweeps.write(done, table)
+    if as_json:
+        print_json(done.to_dict())
+    else:
+        console_prefilters.show_sweep(done)
+    sys.exit(FAILED if all(one.prefilter is None for one in done.found) else 0)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from rich.table import Table
 
 from suite.console import escape, out
+from suite.prefilter_comparisons import Compared
+from suite.prefilter_sweeps import PrefilterSweep
 from suite.prefilters import Designed
 
 
@@ -19,6 +21,31 @@ def show_prefilter(done: Designed) -> None:
     console.print(table)
     for line in done.lines():
         console.print(escape(line), soft_wrap=True)
+
+
+def show_sweep(done: PrefilterSweep) -> None:
+    """A row for each value, and what is said where there is no filter."""
+    console = out()
+    table = Table(*map(escape, done.header))
+    for row in done.rows():
+        table.add_row(*("–" if cell is None else f"{cell:.6g}" for cell in row))
+    console.print(table)
+    for reason in dict.fromkeys(one.reason for one in done.found if one.reason is not None):
+        where = [one.value for one in done.found if one.reason == reason]
+        console.print(escape(f"none at {len(where)} of {len(done.found)} values, the first {where[0]:g}: {reason}"), soft_wrap=True)
+
+
+def show_comparison(done: Compared) -> None:
+    """A row for each design; what is said where there is none."""
+    console = out()
+    table = Table(*map(escape, done.headings))
+    for row in done.rows():
+        table.add_row(*map(escape, row))
+    console.print(table)
+    for one in done.found:
+        if one.reason is not None:
+            console.print(escape(f"{one.name}: {one.reason}"), soft_wrap=True)
+    console.print("left: the largest deviation after the last delay if a root is 10 % elsewhere (measured); cascades keep to no limit")
 
 
 def _term(rate: complex, power: int, coefficient: complex) -> str:

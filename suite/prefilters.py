@@ -107,7 +107,7 @@ class Designed:
 
 def designed(file: Path, asked: Asked) -> Designed:
     """The filter for a study's plant; raises `SuiteError`, and `ImpossibleShaperError` where none was found."""
-    study = _asking(load_study(file), asked)
+    study = asking(load_study(file), asked)
     plant = nominal_plant(study)
     assert study.command.cancelling is not None
     request = request_of(study, study.command.cancelling, plant)
@@ -126,7 +126,7 @@ def designed(file: Path, asked: Asked) -> Designed:
     return Designed(study, plant, request, prefilter, bound, residual(conditions, prefilter), lasting, zeros, least)
 
 
-def _asking(study: Study, asked: Asked) -> Study:
+def asking(study: Study, asked: Asked) -> Study:
     """The study with what the command line asks of a filter instead of its own command."""
     own, command = study.command.cancelling, study.command
     given = own or CancellingRequest(0, DEFAULT)
