@@ -179,7 +179,7 @@ def costate_witness(
     presses = [one for place, one in pressed if place is None]
     rates = [{"edges": [text(x) for x in ramp.edges], "levels": [text(x) for x in ramp.levels]} for ramp in prices.ramps]
     others = {"fuel": text(prices.fuel), "deflection": presses, "ramps": rates, "steps": [text(x) for x in prices.steps]}
-    others["changes"] = []
+    others |= {"changes": [], "pulses": []}
     after = [{"output": name, "time": text(at), "upper": text(up), "lower": text(down)} for name, at, up, down in prices.after]
     others["after"] = after
     residuals = problem.residuals
@@ -240,11 +240,20 @@ def tail_unknowns(problem: Problem) -> list[list[Any]]:
 
 
 def command_witness(
-    maneuver_time: Number, starts: Numbers, levels: Numbers, tail: list[dict[str, Any]], free: Sequence[list[Any]], radius: Number
+    maneuver_time: Number,
+    starts: Numbers,
+    levels: Numbers,
+    tail: list[dict[str, Any]],
+    free: Sequence[list[Any]],
+    radius: Number,
+    *,
+    mirrored: bool = False,
 ) -> dict[str, Any]:
-    """The upper side's witness: absolute levels on arcs, and which numbers are unknowns within `radius` of those written."""
+    """The upper side's witness: absolute levels on arcs, and which numbers are unknowns within `radius` of those written; whether the
+    second half is the first one's image (`relaxations.checking.mirrored`)."""
     segments = [{"start": text(s), "level": text(level)} for s, level in zip(starts, levels, strict=True)]
-    return {"maneuver_time": text(maneuver_time), "segments": segments, "tail": tail, "free": list(free), "radius": text(radius)}
+    written = {"maneuver_time": text(maneuver_time), "segments": segments, "tail": tail, "free": list(free), "radius": text(radius)}
+    return {**written, "mirrored": mirrored}
 
 
 def certificate(

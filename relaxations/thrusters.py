@@ -44,11 +44,12 @@ NEAR = 1e-3  # relative: as close to the lower bound no further pattern is tried
 
 @dataclass(frozen=True, slots=True)
 class Pulsed:
-    """Duration T [s], starts (n,) [s] and exact absolute levels (n,)."""
+    """Duration T [s], starts (n,) [s] and exact absolute levels (n,); whether it is meant to be its own image about the middle."""
 
     maneuver_time: float
     starts: Reals
     levels: tuple[Fraction, ...]
+    mirrored: bool = False
 
 
 def off(problem: Problem) -> Fraction:
@@ -75,7 +76,7 @@ def pulsed_commands(problem: Problem, least: float, free: Command | None = None)
     watch, found = Watch.of(problem), list[Pulsed]()
     if free is not None and (outline := _outlined(problem, free)) is not None:
         levels, durations = outline
-        found += [one for one in (_searched(problem, watch, levels, durations),) if one is not None]
+        found += [one for one in (searched(problem, watch, levels, durations),) if one is not None]
     slow = problem.residuals is not None
     for levels in _patterns(problem):
         if slow and found and min(one.maneuver_time for one in found) <= least * (1.0 + NEAR):
@@ -83,7 +84,7 @@ def pulsed_commands(problem: Problem, least: float, free: Command | None = None)
         for stretch in STRETCHED[: 1 if slow else None]:
             begin = _shares(problem, levels, max(least, _shortest(problem, levels)) * stretch)
             best = min((one.maneuver_time for one in found), default=np.inf) if slow else np.inf
-            if (one := _searched(problem, watch, levels, begin, best)) is not None:
+            if (one := searched(problem, watch, levels, begin, best)) is not None:
                 found.append(one)
     return sorted(found, key=lambda one: one.maneuver_time)
 
@@ -209,7 +210,7 @@ def _shares(problem: Problem, levels: tuple[Fraction, ...], duration: float) -> 
     return np.asarray(duration * shares / shares.sum(), dtype=np.float64)
 
 
-def _searched(problem: Problem, watch: Watch, levels: tuple[Fraction, ...], begin: Reals, best: float = np.inf) -> Pulsed | None:
+def searched(problem: Problem, watch: Watch, levels: tuple[Fraction, ...], begin: Reals, best: float = np.inf) -> Pulsed | None:
     """The shortest command of one pattern near these durations, or None, or if it does not beat the `best` [s]."""
     least, durations = _least_width(problem), begin
     for turn in range(CUTS):
@@ -217,7 +218,8 @@ def _searched(problem: Problem, watch: Watch, levels: tuple[Fraction, ...], begi
             levels, durations = _without_coasts(problem, levels, durations)
         values = np.array([float(level - problem.maneuver.rest) for level in levels])
         on = np.array([level != off(problem) for level in levels])
-        found = _minimized(problem, watch, values, on, np.maximum(durations, np.where(on, least, 0.0)))
+        wide = np.where(on, least, 0.0)
+        found = minimized(problem, watch, values, on, np.maximum(durations, wide), wide)
         if found is None or found.sum() >= best:  # what is watched more closely takes no less
             return None
         durations = found
@@ -247,9 +249,12 @@ def _scale(problem: Problem, values: Reals, duration: float) -> Reals:
     return np.abs(problem.rows(np.linspace(0.0, duration, 65), 1)).max(axis=1) * np.abs(values).max() + 1e-300
 
 
-def _minimized(problem: Problem, watch: Watch, values: Reals, on: NDArray[np.bool_], begin: Reals) -> Reals | None:
-    """Durations of a local minimum under the moment equations, the budget of fuel and what is watched; None if the search fails."""
-    first, width, budget = float(begin.sum()), _least_width(problem), problem.maneuver.limits.fuel
+def minimized(problem: Problem, watch: Watch, values: Reals, on: NDArray[np.bool_], begin: Reals, least: Reals) -> Reals | None:
+    """Durations, each its least one or longer, of a local minimum under the moment equations, the budget of fuel and what is watched.
+
+    None if the search fails.
+    """
+    first, budget = float(begin.sum()), problem.maneuver.limits.fuel
     scale = _scale(problem, values, first)
 
     def missed(x: Reals) -> Reals:
@@ -272,7 +277,7 @@ def _minimized(problem: Problem, watch: Watch, values: Reals, on: NDArray[np.boo
             return last[key]
 
         constraints.append({"type": "ineq", "fun": lambda x: rooms(x)[0] - ROOM, "jac": lambda x: rooms(x)[1] * first})
-    bounds = [(width / first if pulse else 0.0, None) for pulse in on]
+    bounds = [(width / first, None) for width in least]
     try:
         with np.errstate(all="ignore"):
             result = minimize(
@@ -315,20 +320,25 @@ def _slope(problem: Problem, values: Reals, durations: Reals) -> Reals:
 
 def _landed(problem: Problem, levels: Sequence[Fraction], durations: Reals) -> Pulsed | None:
     """The command, its durations corrected until it lands to rounding."""
-    coast, exact, times = off(problem), tuple(levels), durations
-    values, size = np.array([float(level - problem.maneuver.rest) for level in exact]), problem.size
+    width = float(problem.maneuver.limits.pulse_width or 0)
+    times = landed(problem, levels, durations, np.array([0.0 if level == off(problem) else width for level in levels]))
+    if times is None:
+        return None
+    starts = np.concatenate([[0.0], np.cumsum(times)[:-1]])
+    return Pulsed(float(times.sum()), starts, tuple(levels))
+
+
+def landed(problem: Problem, levels: Sequence[Fraction], durations: Reals, least: Reals) -> Reals | None:
+    """Durations (n,) [s] corrected until the command lands to rounding; None where they are too few or become less than the `least`."""
+    values, size, times = np.array([float(level - problem.maneuver.rest) for level in levels]), problem.size, durations
     if len(times) < size:
         return None
-    width, scale = float(problem.maneuver.limits.pulse_width or 0), _scale(problem, values, float(times.sum()))
+    scale = _scale(problem, values, float(times.sum()))
     for _ in range(STEPS if size else 0):
         residual = _missed(problem, values, times) / scale
         change = np.linalg.lstsq(_slope(problem, values, times) / scale[:, None], residual, rcond=None)[0]
         times = np.asarray(times - change, dtype=np.float64)
         if not np.all(times > 0.0):
             return None
-    tight = np.array([0.0 if level == coast else width * (1.0 + HAIR / 4) for level in exact])
     missed = np.abs(_missed(problem, values, times) / scale).max(initial=0.0)
-    if missed > LANDED**1.3 or np.any(times < tight):
-        return None
-    starts = np.concatenate([[0.0], np.cumsum(times)[:-1]])
-    return Pulsed(float(times.sum()), starts, exact)
+    return None if missed > LANDED**1.3 or np.any(times < least * (1.0 + HAIR / 4)) else times

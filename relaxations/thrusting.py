@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -18,14 +18,18 @@ from relaxations.maneuvers import Problem
 from relaxations.maneuvers import problem as pose
 from relaxations.plants import fraction
 from relaxations.programs import GridSolution
+from relaxations.pulse_trees import refuting
 from relaxations.robust.proofs import sampled
 from relaxations.sides import Proof, Side, accepted, concluded, rounded
-from relaxations.thrusters import Pulsed, admissible, pulsed_commands
+from relaxations.thrusters import Pulsed, admissible, pulsed_commands, searched
+from relaxations.thrusters_mirrored import mirrored_commands, mirrored_witnesses
 from relaxations.varying import arcs_proven
+from relaxations.watching import Watch
 
+ROUNDS = 12  # of refuting again below a shorter command that was found on the way
 TRIED = 12  # commands, the shortest ones, whose proof is tried
 MARGINS = (1e-14, 1e-13, 1e-12)
-DEGENERATE = "those with fewer instants than equations (such as two pulses whole periods of an undamped mode apart) are not looked for"
+DEGENERATE = "of those with fewer instants than equations only such are looked for as are their own image about the middle of the move"
 
 
 def pulsed_time(problem: Problem, task: dict[str, Any], minimum: Callable[[Problem], Bound]) -> Bound:
@@ -43,12 +47,32 @@ def pulsed_time(problem: Problem, task: dict[str, Any], minimum: Callable[[Probl
     proof = Proof(lower if lower and accepted(task, lower=lower) else None)
     if first.command is not None and admissible(problem, first.command) and upper and accepted(task, upper=upper):
         return concluded(task, replace(proof, upper=upper, command=first.command, switches=first.switches), first, 0.0)
+    found: list[Pulsed] = []
     if first.upper is not None:
-        for found in pulsed_commands(_sampled(problem, first), first.lower, first.command)[:TRIED]:
-            if (proven := thrust(problem, task, found)) is not None:
-                return sampled(concluded(task, replace(proven, lower=proof.lower), first, 0.0), problem)
+        found = [*pulsed_commands(_sampled(problem, first), first.lower, first.command), *mirrored_commands(problem, first.lower)]
+    watch = Watch.of(problem)
+    for _ in range(ROUNDS):
+        proof = _shortest(problem, task, found, proof)
+        above = float(proof.upper.claim) if proof.upper else None
+        side, better = refuting(
+            problem, task, proof.lower, above, lambda levels, durations, best: searched(problem, watch, levels, durations, best)
+        )
+        proof = replace(proof, lower=side)
+        if better is None:
+            break
+        found = [better]
+    if proof.upper is not None:
+        return sampled(concluded(task, proof, first, 0.0), problem)
     why = f"no command with such pulses was found; {DEGENERATE}" if first.upper is not None else first.reason
     return concluded(task, proof, replace(first, upper=None, command=None, switches=None, reason=why), 0.0)
+
+
+def _shortest(problem: Problem, task: dict[str, Any], found: Sequence[Pulsed], proof: Proof) -> Proof:
+    """With the upper side of the shortest command that is accepted, if one is shorter."""
+    for one in sorted(found, key=lambda one: one.maneuver_time)[:TRIED]:
+        if (proven := thrust(problem, task, one)) is not None:
+            return replace(proven, lower=proof.lower)
+    return proof
 
 
 def _sampled(problem: Problem, first: Bound) -> Problem:
@@ -67,7 +91,8 @@ def thrust(problem: Problem, task: dict[str, Any], found: Pulsed) -> Proof | Non
             if proof.upper is not None:
                 return proof
         return None
-    for witness in arc_witnesses(problem, found.levels, found.maneuver_time, found.starts, np.zeros(0)):
+    arcs = arc_witnesses(problem, found.levels, found.maneuver_time, found.starts, np.zeros(0))
+    for witness in mirrored_witnesses(problem, found) if found.mirrored else arcs:
         for margin in MARGINS:
             side = Side(Fraction(found.maneuver_time * (1.0 + margin)), witness)
             if accepted(task, upper=side):

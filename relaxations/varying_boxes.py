@@ -278,7 +278,16 @@ def _lower(search: Search, task: dict[str, Any], look: Look) -> Side | None:
             {"place": [text(x) for x in search.box.members[which][0]], "residual": contacts, "deflection": [], "after": []}
             for which, contacts in samples.items()
         ]
-        nothing: dict[str, Any] = {"changes": [], "tail": [], "after": [], "fuel": "0", "deflection": [], "ramps": [], "steps": []}
+        nothing: dict[str, Any] = {
+            "changes": [],
+            "pulses": [],
+            "tail": [],
+            "after": [],
+            "fuel": "0",
+            "deflection": [],
+            "ramps": [],
+            "steps": [],
+        }
         side = Side(claim, {"costate": [[chain]], "samples": written, **nothing})
         if accepted(task, lower=side):
             return side

@@ -199,13 +199,14 @@ def costate(
         "ramps": list(ramps),
         "steps": list(steps),
         "changes": list(changes),
+        "pulses": [],
     }
 
 
 def command(time: str, segments: list[tuple[str, str]], free: list[list[Any]], radius: str = "1/1000000", tail: Any = ()) -> dict[str, Any]:
     """An upper side's witness."""
     arcs = [{"start": start, "level": level} for start, level in segments]
-    return {"maneuver_time": time, "segments": arcs, "tail": list(tail), "free": free, "radius": radius}
+    return {"maneuver_time": time, "segments": arcs, "tail": list(tail), "free": free, "radius": radius, "mirrored": False}
 
 
 def system(of: dict[str, Any], bits: int = 128) -> balls.System:

@@ -155,7 +155,7 @@ def posed(case: Case, made: dict[str, Any], displacement: Fraction, ramps: list[
     chain = {"near": ["0", "0"], "coefficients": [[written(x), "0"] for x in made["costate"]]}
     witness = {
         "costate": [[chain]], "tail": [], "fuel": written(made["price"]), "ramps": ramps, "deflection": [], "after": [],
-        "steps": [] if begin is None else [begin], "samples": [], "changes": [],
+        "steps": [] if begin is None else [begin], "samples": [], "changes": [], "pulses": [],
     }  # fmt: skip
     return certificate(of, written(made["time"]), witnesses=(witness, None))
 

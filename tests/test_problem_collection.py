@@ -37,10 +37,11 @@ STAIRCASES = {
     "two_mass_spring_limit": 1e-5,
     "two_mass_box": 1e-4,
     "two_mass_box_thrusters": 1e-4,
+    "two_mass_two_pulses": 1.1e-6,
 }
 """Degenerate optima: the upper side is a repaired staircase, 1e-9 beyond the minimum time or ten times that; samples are exact.
 With further limits, and for a whole box, both sides are those of a grid."""
-PATTERNS = {"two_mass_box_thrusters"}
+PATTERNS = {"two_mass_box_thrusters", "two_mass_two_pulses"}
 """Of these the upper side has exact switch times all the same: pulses of a pattern."""
 
 FACTS = {
@@ -66,6 +67,7 @@ FACTS = {
     "two_mass_sampled": "6.75",
     "rigid_body_sampled": 2.0,
     "two_mass_thrusters": "6.6627284203",
+    "two_mass_two_pulses": pi * sqrt(2) + 10 / (pi * sqrt(2)),
     "two_mass_box": "7.2697",
     "two_mass_box_thrusters": "7.2697",
     "varying_gain_thrusters": "1.5391950535",

@@ -56,19 +56,20 @@ def test_pulses_that_are_too_wide_for_two_need_a_third() -> None:
     assert min(wide) >= width
     # -w, +m, -(m - w): displacement w m - w² ... with m² / 4 ... : 2 w + 2 sqrt(1 + w²) for the pulses -w, m, -w' in balance
     assert found.upper == pytest.approx(2 * width + 2 * sqrt(1 + width**2), rel=1e-6)
-    assert found.lower == pytest.approx(2.0)
+    assert found.lower == pytest.approx(found.upper, rel=1.01e-4)  # what a first claim leaves
     after = np.linspace(command.end, command.end + 5.0, 11)
     np.testing.assert_allclose(response(RIGID, command, after), 1.0, atol=1e-9)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("width", "known"), [("0.8", 6.788667946), ("1", 6.861335287)])
+@pytest.mark.parametrize(("width", "known"), [("0.8", 6.693673728551), ("2.26", 11.2355326), ("2.3", 11.4121715)])
 def test_a_wider_pulse_than_the_fastest_command_has(width: str, known: float) -> None:
+    """Two pulses of 10/T, one period T of the mode apart, are the best until they would have to be wider."""
     found, command = proven(posed(TWO_MASS, width, displacement=Fraction(5)))
     assert min(pulses(command)) >= float(width)
-    assert found.lower == pytest.approx(6.6627284203, abs=1e-9)
-    assert found.upper is not None
-    assert found.lower < found.upper <= known * (1 + 1e-6)
+    assert found.gap is not None
+    assert found.gap < 1.01e-4
+    assert found.upper == pytest.approx(known, rel=1e-8)
     after = np.linspace(command.end, command.end + 20.0, 101)
     np.testing.assert_allclose(response(TWO_MASS, command, after), 5.0, atol=1e-7)
 
@@ -79,7 +80,7 @@ def test_too_few_pulses_leave_the_upper_side_open() -> None:
     assert found.upper is None
     assert found.reason is not None
     assert "no command with such pulses was found" in found.reason
-    assert "fewer instants than equations" in found.reason
+    assert "their own image about the middle" in found.reason
     assert found.certificate is not None
     assert check(found.certificate).outcome is Outcome.PROVED, "the lower side by itself"
 

@@ -31,7 +31,7 @@ from relaxations.checking.reading import Refuted, Undecided, require
 ORDER = {"positive, then negative": 1, "negative, then positive": -1}
 PARTS = 4  # of what lies between two nodes, for the range of a costate there
 Range = tuple[arb, arb]  # lower and upper end
-Support = Callable[[Wave, arb, arb, arb, arb], arb]
+Support = Callable[[Wave, arb, arb, arb, arb, arb], arb]
 
 
 def sensible(task: Any, lower: Any) -> None:
@@ -88,10 +88,7 @@ def at_rest(system: System) -> None:
 def pay(p: Wave, price: fmpq, limit: arb, span: tuple[arb, arb], support: Support, fine: arb) -> arb:
     """`limit ∫_low^high max(0, p - price) ds` between exact numbers."""
     raised, (low, high) = p.raised(-arb(price)), span
-    if not high > low:
-        return arb(0)
-    whole = support(raised, high, arb(0), limit, fine)
-    return whole - support(raised, low, arb(0), limit, fine) if low > 0 else whole
+    return support(raised, high, arb(0), limit, fine, low) if high > low else arb(0)
 
 
 def between(waves: list[Wave], prices: tuple[fmpq, fmpq], a: arb, b: arb, strong: arb, weak: arb) -> arb:

@@ -12,7 +12,7 @@ from typing import Any
 import flint
 from flint import fmpq
 
-from relaxations.checking import changes, costs, courses, lower, members, ramps, upper, varying, varying_boxes
+from relaxations.checking import changes, costs, courses, lower, members, pulses, ramps, upper, varying, varying_boxes
 from relaxations.checking.balls import system, work
 from relaxations.checking.reading import Malformed, Refuted, Undecided, read
 
@@ -77,6 +77,7 @@ def check(content: bytes) -> Check:
                     outcome, reason = Outcome.PROVED, ""
                     break
                 varying.sensible(certificate.task)
+                pulses.sensible(certificate.task, certificate.lower)
                 if certificate.task.schedule is not None:
                     (varying_boxes if box else varying).prove(certificate)
                     outcome, reason = Outcome.PROVED, ""
@@ -168,9 +169,8 @@ def claim(found: Check) -> str:
     if (width := task["limits"]["pulse_width"]) is not None or task["limits"]["pulses"] is not None:
         lines.append(f"  Thrusters: until T, u is {low}, {high} or {task['initial_input']}, in pulses (constant pieces other than that)")
         few = "" if task["limits"]["pulses"] is None else f", at most {task['limits']['pulses']} of them"
-        lines.append(
-            f"  {'of any width' if width is None else f'of at least {width} s'}{few}. The lower side is that of all inputs in the limits."
-        )
+        whose = "such pulses" if found.certificate.lower and found.certificate.lower.pulses else "all inputs in the limits"
+        lines.append(f"  {'of any width' if width is None else f'of at least {width} s'}{few}. The lower side is that of {whose}.")
     who = "no measurable command within the limits"
     if step := task["limits"]["sample_time"]:
         lines.append(f"  u is constant on each [k h, (k + 1) h), h = {step} s, and T is a whole number of h.")

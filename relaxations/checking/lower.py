@@ -24,7 +24,7 @@ from typing import Any
 import flint
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes, changes, courses, members, overshoots, ramps, spent
+from relaxations.checking import boxes, changes, courses, members, overshoots, pulses, ramps, spent
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -90,14 +90,18 @@ def answered(zero: Root, answer: Any, since: arb) -> list[acb]:
     return [sum((c * b for c, b in zip(answer(unit, zero), zero.impulse(since), strict=True)), acb(0)) for unit in units]
 
 
-def support(p: Any, horizon: arb, lower: arb, upper: arb, fine: arb) -> arb:
-    """A ball around `∫_0^horizon max(upper p, lower p) ds` for an exact horizon and lower ≤ 0 ≤ upper; p is a `Wave`, or a series.
+def support(p: Any, horizon: arb, lower: arb, upper: arb, fine: arb, begin: arb | None = None) -> arb:
+    """A ball around `∫ max(upper p, lower p) ds` from 0, or `begin`, to the horizon, both exact, lower ≤ 0 ≤ upper; p: a `Wave` or series.
 
     From the left, intervals are bisected until p has a sign, or is monotone: interval Newton then encloses its root. Where the integrand
     is smaller than `fine` it counts as a radius instead. Raises `Undecided` where p is not known that well.
     """
     weights, span = {1: upper, -1: lower, 0: arb(0)}, upper - lower
-    a, sign, total = arb(0), 0, arb(0)  # [0, a] is done, but for the antiderivative at a, where the integrand has this sign on the left
+    a, sign, total = (
+        arb(0) if begin is None else begin,
+        0,
+        arb(0),
+    )  # what is left of a is done, but for the antiderivative at a, where the integrand has this sign on the left
     waiting: list[tuple[arb, int | None]] = [(horizon, None)]  # where the next intervals end, and the sign of p on them if it is known
     while waiting:
         b, new = waiting.pop()
@@ -157,6 +161,9 @@ def prove(system: System, witness: Any, time: fmpq) -> None:
     """
     if witness.changes:
         changes.prove(system, witness.changes, time, support)
+        return
+    if witness.pulses:
+        pulses.prove(system, witness.pulses, time, support)
         return
     require(bool(system.zeros) or not (witness.tail or witness.after), "multipliers of a tail that the task does not have")
     numbers, price = costate(system, witness)

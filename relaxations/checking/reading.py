@@ -63,6 +63,12 @@ def natural(data: Any, where: str) -> int:
     return data
 
 
+def flag(data: Any, where: str) -> bool:
+    """JSON's true or false."""
+    require(data is True or data is False, f"{where} is true or false, not {data!r:.80}")
+    return data
+
+
 def counts(data: Any, where: str) -> dict[str, int]:
     """Further zeros by the name of a mode."""
     require(isinstance(data, dict) and len(data) <= MOST_POLES and all(map(_MODE.fullmatch, data)), f"{where} names mode[i] and real[i]")
@@ -164,6 +170,10 @@ SAMPLES: list[Any] = [{"place": [real, 1, 8], "residual": CONTACTS, "deflection"
 STEPS: list[Any] = [real, 0, MOST_SEGMENTS]  # of the input's changes from sample to sample, the last change first
 # … of inputs of a form: a costate and a price of the fuel for changes of sign at these times to go
 CHANGES: list[Any] = [{"at": real, "costate": [CHAINS, 1, 1], "fuel": real}, 0, 5000]
+# … of pulses: trees, their nodes in the order of the first visit; prices of the widths, a number for each pulse
+SPLIT = {"pulse": natural, "edge": {"begin", "end", "sign"}, "at": real}
+LEAF = {"costate": [CHAINS, 1, 1], "widths": [real, 0, 200], "fuel": real}
+PULSES: list[Any] = [{"split": (None, SPLIT), "leaf": (None, LEAF)}, 0, 50_000]
 LOWER = {
     "costate": [CHAINS, 1, 1],
     "changes": CHANGES,
@@ -174,12 +184,14 @@ LOWER = {
     "deflection": PRESSES,
     "ramps": RAMPS,
     "steps": STEPS,
+    "pulses": PULSES,
 }
 # A command near an exact solution: absolute levels from their starts on, then a tail. `free` names its unknowns, each within `radius` of
 # what is written: ["time", 0, 0], ["start" or "level", i, 0] of segment i, ["re" or "im", i, k] of coefficient k of the tail's chain i.
+# A mirrored command is its own image about the middle of the move: the instants of its second half are those of its first.
 SEGMENTS = [{"start": real, "level": real}, 0, MOST_SEGMENTS]
 FREE = [({"time", "start", "level", "re", "im"}, natural, natural), 0, 2 * MOST_POLES]
-UPPER = {"maneuver_time": real, "segments": SEGMENTS, "tail": CHAINS, "free": FREE, "radius": real}
+UPPER = {"maneuver_time": real, "segments": SEGMENTS, "tail": CHAINS, "free": FREE, "radius": real, "mirrored": flag}
 # sides of the least maneuver time [s] (null: not claimed), or the criterion by which the task is impossible
 CRITERIA = {"face", "remainder", "fuel", "final", "overshoot"}
 CLAIM = {"lower": (None, real), "upper": (None, real), "impossible": (None, CRITERIA)}
@@ -265,15 +277,17 @@ def witnessed(task: Any, claim: Any, lower: Any, upper: Any) -> None:
         require(0 <= press.begin <= press.end, "the multiplier of an output acts over times to go from 0 on, that ascend")
     fine = not lower or lower.fuel == 0 or (task.limits.fuel is not None and lower.fuel > 0)
     require(fine, "the multiplier of the fuel is not negative, and belongs to a budget")
-    commanded(upper)
+    commanded(task, upper)
 
 
-def commanded(upper: Any) -> None:
+def commanded(task: Any, upper: Any) -> None:
     """What the schema cannot say of a command, if there is one; raises `Malformed`."""
     if upper is None:
         return
     begins = upper.segments[0].start == 0 < upper.maneuver_time if upper.segments else upper.maneuver_time == 0
     require(begins and upper.radius > 0, "a move with segments begins at 0 and lasts longer than 0, and the radius is positive")
+    plain = task.rest == "state" and task.schedule is None and task.box is None and task.initial_state is None
+    require(plain or not upper.mirrored, "a mirrored command leads one plant from rest to state rest")
 
 
 def canonical(data: Any) -> bytes:
@@ -296,7 +310,7 @@ def read(content: bytes) -> SimpleNamespace:
     certificate = shaped(data, {**(COST if priced else SCHEMA), "digest": {digest}}, "certificate")
     sensible(certificate.task)
     if priced:
-        commanded(certificate.upper)
+        commanded(certificate.task, certificate.upper)
     else:
         witnessed(certificate.task, certificate.claim, certificate.lower, certificate.upper)
     return SimpleNamespace(**{"price": None, **vars(certificate)}, written=data)

@@ -14,7 +14,7 @@ from typing import Any
 
 from flint import acb, arb, arb_mat, fmpq
 
-from relaxations.checking import boxes, changes, costs, courses, ramps
+from relaxations.checking import boxes, changes, costs, courses, mirrored, ramps
 from relaxations.checking.balls import Root, System, Wave, flat, placed, spend
 from relaxations.checking.reading import Refuted, Undecided, require
 
@@ -120,6 +120,9 @@ def krawczyk(
 def solve(system: System, n: int, witness: Any) -> list[Number]:
     """The command with its unknowns in balls that hold a solution."""
     (command, unknowns), size = as_written(system.task, system.zeros, witness), system.target.nrows()
+    if witness.mirrored:
+        half = mirrored.Half.of(system, n, command, witness.free)
+        return half.whole(krawczyk(command, unknowns, len(half.places), witness.radius, half.residual, half.derivative))
     at_origin = all(root.value.is_zero() for root in system.roots)
     if not unknowns and not system.begin and at_origin and not (system.sloped and size):
         exactly(system, n, command)
