@@ -193,8 +193,10 @@ def test_jitter_to_first_order_and_drawn():
     assert timing.root_mean_square(rate, joint, end, jitter) == pytest.approx(0.5 * jitter * np.sqrt(14.0), rel=1e-9)
 
 
-def test_the_error_that_a_requirement_allows_is_the_largest():
-    done = study_timing(load_study(Path("suite/studies/thrusters.toml")), Asked())
+def test_the_error_that_a_requirement_allows_is_the_largest(tmp_path: Path):
+    file = tmp_path / "study.toml"
+    file.write_text(Path("suite/studies/thrusters.toml").read_text().replace("pulse_width = 0.8", ""))  # the search takes long
+    done = study_timing(load_study(file), Asked())
     assert done.limit == ("THRUST-001", 1e-6)
     assert done.allowed is not None
     assert done.swinging(done.allowed)[1] <= 1e-6 < done.swinging(done.allowed * 1.002)[1]
