@@ -8,6 +8,8 @@ from typing import Any
 from relaxations.bounds import Bound, Status
 from relaxations.commands import Command
 from relaxations.errors import ImpossibleShaperError, ShaperError
+from relaxations.shaping.banded_moves import within_each
+from relaxations.shaping.bands import Band
 from relaxations.shaping.kinds import find
 from relaxations.shaping.moves import Move, gaps, in_turn, left_over, rigid, with_zeros, within_bands
 from relaxations.shaping.requests import Request
@@ -29,8 +31,9 @@ class Moved:
     shaped: Command | None
     together: Bound
     left: dict[str, tuple[float, float] | None]
-    kept: float | None = None
+    kept: float | tuple[float, ...] | None = None
     between: tuple[tuple[float, float], ...] = ()
+    box: tuple[Band, ...] = ()
 
     @property
     def command(self) -> Command | None:
@@ -50,7 +53,10 @@ class Moved:
             "together": {
                 **bound_record(self.together, self.together.command, 0.0),
                 "left": self.left["together"],
-                "kept": self.kept,
+                "kept": list(self.kept) if isinstance(self.kept, tuple) else self.kept,
+                "box": [
+                    {"frequency": band.mode.frequency, "factors": [band.low, band.high], "tolerance": band.tolerance} for band in self.box
+                ],
                 "between": [list(gap) for gap in self.between],
             },
         }
@@ -67,9 +73,13 @@ def moved(kind: str, request: Request, shaper: Shaper, move: Move, damping: tupl
     if alone.command is None:
         kind_of = ImpossibleShaperError if alone.status is Status.IMPOSSIBLE else ShaperError
         raise kind_of(f"no such move was found: {alone.reason or alone.status.value}")
-    kept = None
+    kept: float | tuple[float, ...] | None = None
+    box: tuple[Band, ...] = ()
     if found.zeros is not None:
         together = with_zeros(move, *found.zeros(request, number))
+    elif kind == "si" and len({band.tolerance for band in bands}) > 1:
+        each = within_each(move, bands)
+        together, box, kept = each.bound, each.box, tuple(band.tolerance for band in bands)
     elif kind == "si":
         together, kept = within_bands(move, bands), bands[0].tolerance
     else:
@@ -77,5 +87,7 @@ def moved(kind: str, request: Request, shaper: Shaper, move: Move, damping: tupl
     shaped = in_turn(move, alone.command, shaper)
     commands = {"rigid": alone.command, "shaped": shaped, "together": together.command}
     left = {name: None if command is None else left_over(move, command, bands, damping) for name, command in commands.items()}
-    between = gaps(bands) if kind == "si" else ()
-    return Moved(move, alone, shaped, together, left, kept if together.status is Status.PROVED else None, between)
+    between = gaps(bands) if kind == "si" and not box else ()
+    if not box and together.status is not Status.PROVED:
+        kept = None
+    return Moved(move, alone, shaped, together, left, kept, between, box)

@@ -64,8 +64,13 @@ def move_lines(done: Moved) -> Iterator[str]:
         yield "  then shaped: negative impulses take it beyond the limits of the input"
     else:
         yield f"  then shaped: {done.shaped.maneuver_time!r} s{_left(done.left['shaped'])}"
-    kept = "" if done.kept is None else f"; swings by at most {done.kept:g} of the move over the band: proved"
+    several = isinstance(done.kept, tuple)
+    most = " and ".join(f"{one:g}" for one in done.kept) if isinstance(done.kept, tuple) else f"{done.kept or 0.0:g}"
+    kept = "" if done.kept is None else f"; swings by at most {most} of the move over the band{'s' if several else ''}: proved"
     yield f"  designed together: {_sides(done.together)}{kept}{_left(done.left['together'])}"
+    if done.box:
+        boxes = " and ".join(f"{band.low:g}:{band.high:g}@{band.tolerance:g}" for band in done.box)
+        yield f"  note: the least time is that of the band alone that asks for most; the command, and its certificate, is that of {boxes}"
     if done.between:
         gaps = " and ".join(f"{low:g} to {high:g}" for low, high in done.between)
         yield f"  note: the bands are kept as one: the bracket is that of a move that keeps the tolerance from {gaps} of the frequency, too"

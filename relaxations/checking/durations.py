@@ -21,6 +21,7 @@ import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from math import comb, perm
 
 import flint
@@ -131,16 +132,46 @@ def _least(value: arb, slope: arb, bend: arb, half: arb) -> arb:
     return value - abs(slope) * half + lowest * half * half / 2 if not lowest > 0 else value - abs(slope) * half
 
 
-def none_on_samples(interval: Fraction, count: int, conditions: Sequence[Condition]) -> bool:
-    """Whether it is proven that no positive impulses at multiples of `interval` [s], from 0 to `count` of them, meet the conditions."""
+def none_on_samples(interval: Fraction, count: int, conditions: Sequence[Condition], negative: Fraction = Fraction(0)) -> bool:
+    """Whether it is proven that no impulses at multiples of `interval` [s], from 0 to `count` of them, meet the conditions.
+
+    Positive ones, or those whose `negative` amplitudes sum to at most so much in size: `(1 + N) min p - N max p > Σ |y_i| V_i` on samples.
+    """
     before, flint.ctx.prec = flint.ctx.prec, BITS
     try:
-        if not (_sound(conditions) and interval > 0):
+        if not (_sound(conditions) and interval > 0 and negative >= 0):
             return False
-        function = _Function(conditions)
-        return all(function(_arb((k - count) * interval), (0,))[0] > 0 for k in range(count + 1))
+        values, most = _on_samples(interval, count, conditions), _arb(negative)
+        if negative == 0:
+            return all(value > 0 for value in values)
+        return all((1 + most) * low - most * high > 0 for low in values for high in values)
     finally:
         flint.ctx.prec = before
+
+
+def none_within_sums_on_samples(interval: Fraction, count: int, conditions: Sequence[Condition], lower: Fraction, upper: Fraction) -> bool:
+    """Whether it is proven that no impulses at multiples of `interval`, 0 to `count` of them, of such partial sums meet the conditions.
+
+    `Σ A_k p(t_k) = p(T) - Σ S_k (p(t_{k+1}) - p(t_k))`, at least p(T) less the sum of `max(l Δp, u Δp)`.
+    """
+    before, flint.ctx.prec = flint.ctx.prec, BITS
+    try:
+        if not (_sound(conditions) and lower <= 0 and upper >= 1 and interval > 0):
+            return False
+        values = _on_samples(interval, count, conditions)
+        least, low, high = values[-1], _arb(lower), _arb(upper)
+        for here, after in pairwise(values):
+            step = after - here
+            least -= (low * step).union(high * step).upper()
+        return bool(least > 0)
+    finally:
+        flint.ctx.prec = before
+
+
+def _on_samples(interval: Fraction, count: int, conditions: Sequence[Condition]) -> list[arb]:
+    """p - Σ |y_i| V_i at the instants, T the last of them."""
+    function = _Function(conditions)
+    return [function(_arb((k - count) * interval), (0,))[0] for k in range(count + 1)]
 
 
 def none_within_sums(duration: Fraction, conditions: Sequence[Condition], lower: Fraction, upper: Fraction) -> bool:

@@ -40,6 +40,7 @@ from relaxations.shaping.insensitive_samples import within_on_samples
 from relaxations.shaping.least_durations import Remnant, least_with_derivatives
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.negative_amplitudes import negative_at_once
+from relaxations.shaping.negative_samples import negative_on_samples, within_sums_on_samples
 from relaxations.shaping.pulses import at_intervals, pulsed
 from relaxations.shaping.ranges import humped_ranges
 from relaxations.shaping.requests import Least, Made, Request
@@ -93,7 +94,7 @@ def make(name: str, request: Request) -> Made:
     if kind.zeros is not None and kind.zeros in (_all, _once):
         if not closed:
             require(name, made.shaper, *kind.zeros(request, number))
-    elif kind.zeros is not None and made.least:
+    elif kind.zeros is not None and made.least and made.least.zeros:
         require(name, made.shaper, made.least.zeros)
     if made.least and made.least.duration > made.shaper.duration:  # the shaper's own zeros are doubles: it may end a hair too soon
         made = replace(made, least=replace(made.least, duration=made.shaper.duration))
@@ -200,6 +201,11 @@ def _humps_of(number: int) -> str:
 
 
 def _unity_humps(request: Request, number: int) -> Made:
+    if request.sample_time is not None:
+        bands = humped_ranges(different(request.modes), request.tolerance, number, unity_magnitude)
+        shaper, needed = within_sums_on_samples(bands, 0.0, 1.0, request.sample_time)
+        what = f"partial sums in [0, 1] within {request.tolerance:g} over the range of each mode's own um-{_humps_of(number)}"
+        return _with_samples(shaper, needed, f"sequences of {what}", request.sample_time, tuple(enumerate(bands)))
     if request.simultaneous and len(different(request.modes)) > 1:
         bands = humped_ranges(different(request.modes), request.tolerance, number, unity_magnitude)
         found = within_sums_and_bands(bands, 0.0, 1.0)
@@ -226,8 +232,23 @@ def _modified(request: Request, number: int) -> Made:
     return compared(_in_turn(request.modes, mzv), [(mode, 0) for mode in request.modes])
 
 
+def _with_samples(
+    shaper: Shaper, needed: int, among: str, sample_time: float, ranges: tuple[tuple[int, Band], ...] = (), zeros: Sequence[Mode] = ()
+) -> Made:
+    taken = rounded_down(needed * exact(repr(sample_time))) if needed else None
+    least = least_of(taken, f"{among} at multiples of {sample_time!r} s, which need {needed}", zeros)
+    return Made(shaper, least, ranges, () if least else (NO_FEWER,))
+
+
 def _negative(request: Request, number: int) -> Made:
     negative = request.negative if request.negative is not None else math.nan
+    if request.sample_time is not None:
+        modes = different(request.modes)
+        for mode in modes:
+            negative_zv(mode, negative)  # refuses what is no size of an amplitude
+        shaper, needed = negative_on_samples(modes, negative, request.sample_time)
+        among = f"shapers with zero vibration whose negative amplitudes sum to at most {negative!r}"
+        return _with_samples(shaper, needed, among, request.sample_time, zeros=modes)
     if request.simultaneous and len(modes := different(request.modes)) > 1:
         for mode in modes:
             negative_zv(mode, negative)  # refuses what is no size of an amplitude
@@ -259,9 +280,7 @@ def _insensitive(request: Request, number: int) -> Made:
 
 def _keeping_on_samples(bands: Sequence[Band], sample_time: float, among: str) -> Made:
     found = within_on_samples(bands, sample_time)
-    taken = rounded_down(found.needed * exact(repr(sample_time))) if found.needed else None
-    least = least_of(taken, f"{among} at multiples of {sample_time!r} s, which need {found.needed}")
-    return Made(found.shaper, least, notes=() if least else (NO_FEWER,))
+    return _with_samples(found.shaper, found.needed, among, sample_time)
 
 
 def _unity(request: Request, number: int) -> Made:
@@ -370,9 +389,10 @@ KINDS = (
          _EITHER | {"sample_time"}),
     Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity,
          _EITHER | {"sample_time"}, zeros=_all),
-    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps, _EITHER,
+    Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps,
+         _EITHER | {"sample_time"},
          zeros=_between_unity_humps),
-    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _EITHER | {"negative"}, frozenset({"negative"}),
+    Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _EITHER | {"negative", "sample_time"}, frozenset({"negative"}),
          _once),
     Kind("sums-zv, sums-zvd, sums-zv-d:N", r"sums-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest with partial sums within bounds", _sums,
          _EITHER | {"sums", "sample_time"}, frozenset({"sums"}), _all),

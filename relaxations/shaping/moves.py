@@ -93,7 +93,8 @@ def within_bands(move: Move, bands: Sequence[Band]) -> Bound:
     """The fastest move after which the machine swings by at most the tolerance, a fraction of the move, over the box of all bands; proven.
 
     All are of one tolerance: that is about the output, to which every mode adds. Several bands of one mode are kept as one, from the lowest
-    frequency to the highest (`hulls`). Raises `ShaperError` for other tolerances, and for bands that leave out the mode itself.
+    frequency to the highest (`hulls`). Raises `ShaperError` for other tolerances (relaxations.shaping.banded_moves has those), and for
+    bands that leave out the mode itself.
     """
     whole = hulls(bands)
     wrong = [

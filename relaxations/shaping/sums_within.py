@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog, minimize
 
-from relaxations.checking.durations import none_within_sums
+from relaxations.checking.durations import Condition, none_within_sums
 from relaxations.errors import SolverError
 from relaxations.shaping.bands import Band, exceeded, sampled_demands
 from relaxations.shaping.insensitive import implied
@@ -57,7 +57,7 @@ class Found:
 
 def within_sums_and_bands(bands: Sequence[Band], lower: float, upper: float) -> Found:
     """The shortest such sequence: impulses `u, l - u, u - l, …, 1 - l`. Raises `SolverError`."""
-    search = _Search(tuple(bands), lower, upper)
+    search = Search(tuple(bands), lower, upper)
     slowest = max(band.half_period for band in bands)
     below, above, levels, duration = (0.0, 1.0), None, np.zeros(0), slowest
     while above is None or above[0] - below[0] > BRACKET * above[0]:
@@ -86,7 +86,9 @@ def _lost() -> str:
 
 
 @dataclass
-class _Search:
+class Search:
+    """The program on a grid, with the cuts that were added so far."""
+
     bands: tuple[Band, ...]
     lower: float
     upper: float
@@ -100,9 +102,9 @@ class _Search:
         fastest = max(band.ends[1] for band in self.bands)
         return min(max(CELLS, math.ceil(PER_PERIOD * duration * fastest / (2.0 * math.pi))), MOST_CELLS)
 
-    def solved(self, duration: float) -> tuple[float, Reals, Reals]:
-        """The least excess, levels of the cells, and multipliers of the cuts."""
-        instants = np.linspace(0.0, duration, self.cells(duration) + 1)
+    def solved(self, duration: float, cells: int | None = None) -> tuple[float, Reals, Reals]:
+        """The least excess, levels of the cells, of which there may be so many, and multipliers of the cuts."""
+        instants = np.linspace(0.0, duration, (cells or self.cells(duration)) + 1)
         excess, levels, prices = 0.0, np.zeros(0), np.zeros(0)
         for _ in range(ROUNDS):
             demands = [demand for demand, _ in self.cuts]
@@ -218,6 +220,14 @@ class _Search:
         )
         return np.concatenate([[0.0], found.x * unit])
 
+    def conditions(self, multipliers: Reals) -> list[Condition]:
+        """What multipliers of the cuts say."""
+        return [
+            implied(self.bands, demand, mu * complex(math.cos(theta), math.sin(theta)))
+            for (demand, theta), mu in zip(self.cuts, multipliers, strict=False)  # cuts that came last have no multiplier
+            if mu > FAINT
+        ]
+
     def proven(self, duration: float) -> float | None:
         """The longest duration for which it is proven that none is as short."""
         for shorter in SHORTER:
@@ -225,11 +235,6 @@ class _Search:
             excess, _, multipliers = self.solved(claimed)
             if excess <= 0.0:
                 continue
-            conditions = [
-                implied(self.bands, demand, mu * complex(math.cos(theta), math.sin(theta)))
-                for (demand, theta), mu in zip(self.cuts, multipliers, strict=False)  # cuts that came last have no multiplier
-                if mu > FAINT
-            ]
-            if none_within_sums(Fraction(claimed), conditions, Fraction(self.lower), Fraction(self.upper)):
+            if none_within_sums(Fraction(claimed), self.conditions(multipliers), Fraction(self.lower), Fraction(self.upper)):
                 return claimed
         return None

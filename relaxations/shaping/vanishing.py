@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations.errors import SolverError
+from relaxations.shaping.amplitudes import decay_per_radian
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.shapers import Shaper
 
@@ -62,23 +63,36 @@ def require_told(modes: Sequence[Mode], derivatives: int, most: float) -> None:
 
     By as many e-folds a mode decays in the n + 1 half periods that a positive shaper takes.
     """
-    folds = max((derivatives + 1) * mode.damping * math.pi / math.sqrt(1.0 - mode.damping**2) for mode in modes)
+    folds, fastest = max((((derivatives + 1) * math.pi * decay_per_radian(mode.damping), mode) for mode in modes), key=lambda pair: pair[0])
     if folds > most:
+        limit = most / ((derivatives + 1) * math.pi)
         raise SolverError(
-            f"in the {derivatives + 1} half period(s) that {derivatives} derivative(s) take a mode decays to {math.exp(-folds):.3g} of "
-            f"itself, which programs do not tell from nothing; down to {math.exp(-most):.3g} is possible: {possible(modes)}"
+            f"in the {derivatives + 1} half period(s) that {derivatives} derivative(s) take {_told(fastest)} decays to "
+            f"{math.exp(-folds):.3g} of itself, which programs in doubles do not tell from nothing: they are tried up to a damping of "
+            f"{math.floor(1e4 * limit / math.hypot(1.0, limit)) / 1e4:g}; {possible(modes)}"
         )
 
 
 def possible(modes: Sequence[Mode]) -> str:
     """What there is instead."""
-    decay = min(mode.decay for mode in modes)
-    if decay < 0.1:
+    decay, fastest = min(((mode.decay, mode) for mode in modes), key=lambda pair: pair[0])
+    if decay >= 0.1:
         return (
-            f"a mode that keeps but {decay:.3g} of itself in half a period takes amplitudes that differ by more than was "
-            "solved; zv and zvd without further options have a closed form, si keeps a tolerance at any damping, and a mode like this "
-            "hardly vibrates: it may be left out"
+            "fewer derivatives, fewer modes at once (without --simultaneous, where that is given) or si, which keeps a tolerance, "
+            "are possible"
+        )
+    if len(set(modes)) > 1:
+        return (
+            f"of {len(set(modes))} modes at once {_told(fastest)} keeps but {decay:.3g} of itself in half a period, and they take "
+            "amplitudes that differ by more than was solved; possible are one mode after the other (without --simultaneous), fewer modes "
+            "at once, si, which keeps a tolerance, and to leave out a mode that hardly vibrates"
         )
     return (
-        "fewer derivatives, fewer modes at once (without --simultaneous, where that is given) or si, which keeps a tolerance, are possible"
+        f"a mode that keeps but {decay:.3g} of itself in half a period takes amplitudes that differ by more than was "
+        "solved; possible are zv and zvd without further options, which have a closed form, um-zv and um-zvd alike, and si, which keeps a "
+        "tolerance at any damping; a mode like this hardly vibrates: it may be left out"
     )
+
+
+def _told(mode: Mode) -> str:
+    return f"the mode of {mode.frequency:.6g} rad/s, damping {mode.damping:g},"
