@@ -18,7 +18,7 @@ included) hold at every instant alike: one T refutes all shorter ones.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -44,13 +44,17 @@ class Condition:
 
 
 def none_as_short(
-    duration: Fraction, conditions: Sequence[Condition], negative: Fraction = Fraction(0), highest: Fraction = Fraction(0)
+    duration: Fraction,
+    conditions: Sequence[Condition],
+    negative: Fraction = Fraction(0),
+    highest: Fraction = Fraction(0),
+    bits: int = BITS,
 ) -> bool:
     """Whether it is proven that no shaper of at most `duration` [s] meets the conditions; False: not proven.
 
     Positive shapers, or those whose `negative` amplitudes sum to at most so much in size; p is then below `highest`, which is proven too.
     """
-    before, flint.ctx.prec = flint.ctx.prec, BITS
+    before, flint.ctx.prec = flint.ctx.prec, max(bits, BITS)
     try:
         if not (_sound(conditions) and negative >= 0):
             return False
@@ -105,7 +109,7 @@ class _Function:
         return values
 
 
-def _positive(duration: arb, function: _Function) -> bool:
+def _positive(duration: arb, function: Callable[[arb, Sequence[int]], list[arb]]) -> bool:
     count = 0
     waiting: list[tuple[float, int, arb, arb]] = [(0.0, 0, -duration.upper(), arb(0))]
     while waiting:
@@ -191,6 +195,22 @@ def none_within_sums(duration: Fraction, conditions: Sequence[Condition], lower:
             return False
         falls = rises - (end - first)
         return bool(end - _arb(upper) * rises + _arb(lower) * falls > 0)
+    finally:
+        flint.ctx.prec = before
+
+
+def none_of_sums_up_to_one(duration: Fraction, conditions: Sequence[Condition], bits: int = BITS) -> bool:
+    """Whether it is proven that no sequence of partial sums of at most 1, of at most `duration` [s], meets the conditions.
+
+    With `p' > 0` on [0, T] partial sums S make `Σ A_k p(t_k) = p(T) - ∫ S p' ≥ p(0)`, so `p(0) > Σ |y_i| V_i` contradicts it. A shorter
+    sequence is one that stays at 1 until T.
+    """
+    before, flint.ctx.prec = flint.ctx.prec, max(bits, BITS)
+    try:
+        if not (_sound(conditions) and duration > 0):
+            return False
+        function, whole = _Function(conditions), _arb(duration)
+        return bool(function(-whole, (0,))[0] > 0) and _positive(whole, lambda s, orders: function(s, [order + 1 for order in orders]))
     finally:
         flint.ctx.prec = before
 

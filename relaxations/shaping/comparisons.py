@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from fractions import Fraction
 
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
@@ -16,6 +17,7 @@ from relaxations.shaping.least_durations import Remnant, least_duration, least_w
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.requests import Least, Made
 from relaxations.shaping.shapers import Shaper
+from relaxations.shaping.touching import least_of_positive
 
 # Beyond them a least duration is not searched for: doubles cannot tell the conditions apart.
 MOST_DERIVATIVES, MOST_CONDITIONS = 11, 30
@@ -49,8 +51,11 @@ def compared(shaper: Shaper | None, zeros: Sequence[tuple[Mode, int]]) -> Made:
         if shaper is None:
             raise
         return Made(shaper, Least(lower, among, modes), notes=(ONE_MODE,))
-    notes = (ONE_MODE,) if shortest.lower is None else ()
-    return Made(shaper or shortest.shaper, Least(max(lower, shortest.lower or 0.0), among, modes), notes=notes)
+    proven = shortest.lower
+    if proven is None and not max(counts):
+        proven = least_of_positive(different(modes), shortest.shaper)
+    notes = (ONE_MODE,) if proven is None else ()
+    return Made(shaper or shortest.shaper, Least(max(lower, proven or 0.0), among, modes), notes=notes)
 
 
 def least_of(lower: float | None, among: str, zeros: Sequence[Mode] = ()) -> Least | None:
@@ -65,6 +70,8 @@ def with_negative(shaper: Shaper, remnants: Sequence[Remnant], what: str) -> Lea
     among = f"shapers with {what} whose negative amplitudes sum to at most {negative!r}" if below else f"positive shapers with {what}"
     zeros = [remnant.mode for remnant in remnants if not remnant.tolerance]
     lower = least_duration(remnants, negative, shaper.duration)
+    if lower is None and len(remnants) > 1:  # with one of them, then
+        lower = max((least_duration([remnant], negative, shaper.duration) or 0.0 for remnant in remnants), default=0.0) or None
     return least_of(lower, among, zeros if len(zeros) == len(remnants) else ())
 
 
@@ -81,11 +88,13 @@ def different(modes: Sequence[Mode]) -> tuple[Mode, ...]:
 
 
 def within_sums(zeros: Sequence[Mode], sums: tuple[float, float], derivatives: int, what: str) -> Least | None:
-    """How short any sequence with partial sums in these bounds could be."""
-    try:
-        lower = bounded(different(zeros), *bounds_of(sums), derivatives).lower
-    except (ShaperError, SolverError):
-        return None
+    """How short any sequence with partial sums in these bounds could be; where that is not proven with all zeros, with one of them."""
+    modes, lower = different(zeros), None
+    for some in (modes, *(([mode] for mode in modes) if len(modes) > 1 else ())):
+        with suppress(ShaperError, SolverError):
+            lower = max(lower or 0.0, bounded(some, *bounds_of(sums), derivatives).lower or 0.0) or None
+        if lower is not None and some is modes:
+            break
     return least_of(lower, summed(sums, what), zeros)
 
 

@@ -33,11 +33,12 @@ from relaxations.plants import precision
 from relaxations.shaping.amplitudes import LEAST, smallest_of_derivatives, too_small
 from relaxations.shaping.continuation import continued
 from relaxations.shaping.decayed import DECAYED, smallest
+from relaxations.shaping.dips import Dip
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.paths import CLOSE, CLOSED, Point, Vector, followed, ordered, solved
 from relaxations.shaping.ripples import Ripples
 from relaxations.shaping.shapers import Shaper
-from relaxations.shaping.switched import as_doubles, in_doubles, phases_of
+from relaxations.shaping.switched import as_doubles, dips_of, in_doubles, phases_of
 
 Reals = NDArray[np.float64]
 
@@ -59,12 +60,14 @@ BITS = 128
 class Humped:
     """A shaper, the modes at which it has its zeros, at the mode's damping, in ascending order of frequency, and its humps' height.
 
-    `ripple` is the tolerance but for rounding, or the largest one that such a shaper can use.
+    `ripple` is the tolerance but for rounding, or the largest one that such a shaper can use. Of impulses 1, -1, 1 … `dips` are where their
+    partial sums are 0 [s], in more digits than doubles have.
     """
 
     shaper: Shaper
     zeros: tuple[Mode, ...]
     ripple: float
+    dips: tuple[Dip, ...] = ()
 
 
 def extra_insensitive(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
@@ -216,7 +219,7 @@ def _humped(mode: Mode, ripples: Ripples, end: Point) -> Humped:
         shaper = in_doubles(mode, [(zero, 0) for zero in zeros], phases, ripples.given)
     else:
         shaper = as_doubles(mode, phases, amplitudes)
-    return Humped(shaper, zeros, float(end.w.exp()))
+    return Humped(shaper, zeros, float(end.w.exp()), tuple(dips_of(mode, phases)) if ripples.given else ())
 
 
 def _plain(mode: Mode, tolerance: float, humps: int) -> Humped:

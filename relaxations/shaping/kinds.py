@@ -32,6 +32,7 @@ from relaxations.shaping.comparisons import (
     with_negative,
     within_sums,
 )
+from relaxations.shaping.decayed import DECAYED
 from relaxations.shaping.deflection import deflection_limited
 from relaxations.shaping.humps import Humped, extra_insensitive, unity_magnitude
 from relaxations.shaping.impulses import derivative_shaper, mzv, negative_zv
@@ -48,6 +49,7 @@ from relaxations.shaping.sampled import Sampled, sampled
 from relaxations.shaping.shapers import Shaper, as_pulses, convolve
 from relaxations.shaping.small_tolerances import SMALLEST, within
 from relaxations.shaping.sums_within import within_sums_and_bands
+from relaxations.shaping.touching import least_of_positive, least_up_to_one_of
 from relaxations.shaping.vanishing import require
 
 LARGER_TOLERANCE = "a tolerance so small is kept by a humped shaper, near the shortest; the least duration is that of a larger tolerance"
@@ -171,9 +173,11 @@ def _humps(request: Request, number: int) -> Made:
     humped = [extra_insensitive(mode, request.tolerance, number) for mode in request.modes]
     zeros = [zero for one in humped for zero in one.zeros]
     shaper = reduce(convolve, (one.shaper for one in humped))
-    lower = max(least_with_derivatives(zero, 0) for zero in zeros)
-    with suppress(SolverError):
-        lower = max(lower, specified([], [(zero, 0) for zero in zeros]).lower or 0.0)
+    alone = [least_of_positive(one.zeros, one.shaper) or 0.0 for one in humped]
+    lower = max(*alone, *(least_with_derivatives(zero, 0) for zero in zeros))
+    if len(humped) > 1 or not alone[0]:
+        with suppress(SolverError):
+            lower = max(lower, specified([], [(zero, 0) for zero in zeros]).lower or 0.0)
     return Made(
         shaper, Least(lower, f"positive shapers that share {_own(humped, request.modes)}", tuple(zeros)), notes=_ripples(humped, request)
     )
@@ -215,7 +219,11 @@ def _unity_humps(request: Request, number: int) -> Made:
     humped = [unity_magnitude(mode, request.tolerance, number) for mode in request.modes]
     shaper = reduce(convolve, (one.shaper for one in humped))
     zeros = [zero for one in humped for zero in one.zeros]
-    least = within_sums(zeros, sums_of(shaper), 0, _own(humped, request.modes))
+    least = None
+    if len(humped) == 1 and request.modes[0].decay < DECAYED:  # with partial sums from 0 on there is nothing shorter either
+        lower = least_up_to_one_of(humped[0].zeros, humped[0].dips)
+        least = least_of(lower, summed((0.0, 1.0), _own(humped, request.modes)), zeros)
+    least = least or within_sums(zeros, sums_of(shaper), 0, _own(humped, request.modes))
     return Made(shaper, least, notes=(*_ripples(humped, request), *(() if least else (UNPROVEN,))))
 
 
@@ -256,7 +264,8 @@ def _negative(request: Request, number: int) -> Made:
         least = with_negative(shaper, [Remnant(mode) for mode in modes], "zero vibration")
         return Made(shaper, least, notes=() if least else (UNPROVEN,))
     shaper = _in_turn(request.modes, lambda mode: negative_zv(mode, negative))
-    return Made(shaper, with_negative(shaper, [Remnant(mode) for mode in request.modes], "zero vibration"))
+    least = with_negative(shaper, [Remnant(mode) for mode in request.modes], "zero vibration")
+    return Made(shaper, least, notes=() if least else (UNPROVEN,))
 
 
 def _insensitive(request: Request, number: int) -> Made:

@@ -30,6 +30,7 @@ from relaxations.shaping.polishing import Demand, rows
 Reals = NDArray[np.float64]
 
 CELLS, FINER = 120, 16  # instants of the first grid; how much finer p is looked at
+CLOSER = 201  # places between the neighbours of a top
 ROUNDS = 8  # of exchange
 SHORTER = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # relative: how far below a duration the proof that none is shorter is tried
 HALVINGS = 14  # of the bracket of the duration
@@ -115,7 +116,12 @@ def _solved(remnants: Sequence[Remnant], negative: float, duration: float, round
         chosen = np.union1d(chosen, beyond)
         solution = programs.closest(seen[:, chosen], radii, negative)
     course = (solution.multipliers.conj() @ seen).real
-    return solution.excess, solution.multipliers, max(_top(course, int(i)) for i in _tops(course)) + ABOVE
+    highest = float(course.max())
+    for i in _tops(course):  # the parabola through three samples of a grid that is finer yet: p's fourth derivative is not felt
+        near = np.linspace(fine[max(i - 1, 0)], fine[min(i + 1, len(fine) - 1)], CLOSER)
+        closely = (solution.multipliers.conj() @ rows(demands, near, duration)).real
+        highest = max(highest, _top(closely, int(closely.argmax())))
+    return solution.excess, solution.multipliers, highest + ABOVE
 
 
 def _top(course: Reals, i: int) -> float:

@@ -121,7 +121,7 @@ def _vanishing(modes: Sequence[Mode], negative: float, sample_time: float, sampl
     count = samples + 1
     since = sample_time * (np.arange(count) - samples)
     rates = np.array([mode.frequency * mode.direction for mode in modes])[:, None]
-    z = np.exp(rates * since)
+    z = np.exp(rates * since).astype(np.complex128)
     table, ones = np.concatenate([np.ones((1, count)), z.real, z.imag]), np.ones(count)
     aim = np.eye(len(table))[0]
     below = np.concatenate([np.zeros(count), ones])
