@@ -24,6 +24,7 @@ BROADEST = 1000.0  # ends of a band: the shaper lasts half a period of the lower
 SAMPLES = 9  # places on an edge at first
 LOOKS, PER_PERIOD = 200, 100  # places on an edge that are looked at, and more for each period of phase along it
 TOP_LOOKS = 2001
+NEAR, CLOSER = 0.99, 201  # of a tolerance; places between the neighbours of a maximum so near it
 INSIDE = 1e-9  # of a tolerance: how far below it a shaper is designed, so that its claim can be proven
 TOUCHING = 1e-6  # of the sum of the multipliers: a demand with less does not count
 
@@ -146,6 +147,22 @@ def exceeded(times: Reals, amplitudes: Reals, bands: Sequence[Band], factor: flo
                 if course[i] > factor * band.tolerance:
                     demand = edge.demand(vertex(places, course, int(i)), band.tolerance * (1.0 - INSIDE), number)
                     found[replace(demand, inner="")] = None
+    return list(found)
+
+
+def exceeded_closely(times: Reals, amplitudes: Reals, bands: Sequence[Band]) -> list[Demand]:
+    """The same at the tolerance itself, with a closer look about every maximum that is near it: between places it may be higher."""
+    found: dict[Demand, None] = {}
+    for number, band in enumerate(bands):
+        for edge in band.edges:
+            places, course = edge.course(times, amplitudes, edge.looks(float(np.ptp(times))))
+            for i in peaks(course):
+                if course[i] > NEAR * band.tolerance:
+                    around = replace(edge, low=float(places[max(i - 1, 0)]), high=float(places[min(i + 1, len(places) - 1)]))
+                    closely, heights = around.course(times, amplitudes, CLOSER)
+                    if heights.max() > band.tolerance:
+                        demand = edge.demand(float(closely[heights.argmax()]), band.tolerance * (1.0 - INSIDE), number)
+                        found[replace(demand, inner="")] = None
     return list(found)
 
 

@@ -11,16 +11,18 @@ from fractions import Fraction
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.plants import exact
 from relaxations.shaping.bounded import bounded
+from relaxations.shaping.humps import Humped
 from relaxations.shaping.impulses import derivative_shaper
 from relaxations.shaping.insensitive import specified
 from relaxations.shaping.least_durations import Remnant, least_duration, least_with_derivatives
 from relaxations.shaping.modes import Mode
-from relaxations.shaping.requests import Least, Made
+from relaxations.shaping.requests import Least, Made, Request
 from relaxations.shaping.shapers import Shaper
 from relaxations.shaping.touching import least_of_positive
 
 # Beyond them a least duration is not searched for: doubles cannot tell the conditions apart.
 MOST_DERIVATIVES, MOST_CONDITIONS = 11, 30
+SAME = 1.0 - 1e-5  # of a tolerance: humps are designed a hair below it
 WHOLE = 1e-9  # partial sums this close to a whole number are it
 ONE_MODE = "the least duration is that of one mode's zeros alone: with those of all nothing more was proven"
 UNPROVEN = "no least duration: with damping so near 1 what tells shorter sequences apart is lost in rounding"
@@ -112,3 +114,26 @@ def bounds_of(sums: tuple[float, float]) -> tuple[Fraction, Fraction]:
             "bounds are at most 0 and at least 1"
         )
     return low, high
+
+
+def ripples(humped: Sequence[Humped], request: Request) -> tuple[str, ...]:
+    """Where humps are lower than the tolerance."""
+    return tuple(
+        f"mode {number}: humps of {one.ripple:.4g}, the largest made at this damping; the tolerance is kept all the more"
+        for number, one in enumerate(humped, 1)
+        if one.ripple < SAME * request.tolerance
+    )
+
+
+def humps_of(number: int) -> str:
+    """The kind with so many humps."""
+    return "ei" if number == 1 else f"{number}-hump-ei"
+
+
+def own(humped: Sequence[Humped], modes: Sequence[Mode]) -> str:
+    """The zeros of humped shapers, as factors of their modes' frequencies."""
+    factors = [[f"{zero.frequency / mode.frequency:.6g}" for zero in one.zeros] for one, mode in zip(humped, modes, strict=True)]
+    parts = [" and ".join([", ".join(those[:-1]), those[-1]] if those[1:] else those) for those in factors]
+    if len(parts) == 1:
+        return f"its {'zeros' if len(factors[0]) > 1 else 'zero'}, at {parts[0]} of the frequency"
+    return "its zeros, at " + "; ".join(f"{part} of mode {number}'s frequency" for number, part in enumerate(parts, 1))

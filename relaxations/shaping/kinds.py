@@ -24,8 +24,11 @@ from relaxations.shaping.comparisons import (
     bounds_of,
     compared,
     different,
+    humps_of,
     least_of,
     order_of,
+    own,
+    ripples,
     rounded_down,
     summed,
     sums_of,
@@ -34,7 +37,7 @@ from relaxations.shaping.comparisons import (
 )
 from relaxations.shaping.decayed import DECAYED
 from relaxations.shaping.deflection import deflection_limited
-from relaxations.shaping.humps import Humped, extra_insensitive, unity_magnitude
+from relaxations.shaping.humps import extra_insensitive, unity_magnitude
 from relaxations.shaping.impulses import derivative_shaper, mzv, negative_zv
 from relaxations.shaping.insensitive import specified
 from relaxations.shaping.insensitive_samples import within_on_samples
@@ -54,7 +57,6 @@ from relaxations.shaping.vanishing import require
 
 LARGER_TOLERANCE = "a tolerance so small is kept by a humped shaper, near the shortest; the least duration is that of a larger tolerance"
 NO_FEWER = "no least duration: that fewer samples do not do is so close that it was not proven"
-SAME = 1.0 - 1e-5  # of a tolerance: humps are designed a hair below it
 CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 
 
@@ -166,7 +168,7 @@ def _on_samples(found: Sampled, sample_time: float, zeros: Sequence[tuple[Mode, 
 def _humps(request: Request, number: int) -> Made:
     if request.sample_time is not None:
         bands = humped_ranges(different(request.modes), request.tolerance, number)
-        what = f"positive shapers within {request.tolerance:g} over the range of each mode's own {_humps_of(number)}"
+        what = f"positive shapers within {request.tolerance:g} over the range of each mode's own {humps_of(number)}"
         return replace(_keeping_on_samples(bands, request.sample_time, what), ranges=tuple(enumerate(bands)))
     if request.simultaneous and len(different(request.modes)) > 1:
         return _humps_at_once(request, number)
@@ -179,16 +181,7 @@ def _humps(request: Request, number: int) -> Made:
         with suppress(SolverError):
             lower = max(lower, specified([], [(zero, 0) for zero in zeros]).lower or 0.0)
     return Made(
-        shaper, Least(lower, f"positive shapers that share {_own(humped, request.modes)}", tuple(zeros)), notes=_ripples(humped, request)
-    )
-
-
-def _ripples(humped: Sequence[Humped], request: Request) -> tuple[str, ...]:
-    """Where humps are lower than the tolerance."""
-    return tuple(
-        f"mode {number}: humps of {one.ripple:.4g}, the largest made at this damping; the tolerance is kept all the more"
-        for number, one in enumerate(humped, 1)
-        if one.ripple < SAME * request.tolerance
+        shaper, Least(lower, f"positive shapers that share {own(humped, request.modes)}", tuple(zeros)), notes=ripples(humped, request)
     )
 
 
@@ -196,24 +189,20 @@ def _humps_at_once(request: Request, number: int) -> Made:
     """The shortest positive shaper that keeps the tolerance over the range of each mode's own humped one."""
     bands = humped_ranges(request.modes, request.tolerance, number)
     shortest = within(tuple(dict.fromkeys(bands)))
-    what = f"positive shapers within {request.tolerance:g} over the range of each mode's own {_humps_of(number)}"
+    what = f"positive shapers within {request.tolerance:g} over the range of each mode's own {humps_of(number)}"
     return Made(shortest.shaper, least_of(shortest.lower, what), tuple(enumerate(bands)))
-
-
-def _humps_of(number: int) -> str:
-    return "ei" if number == 1 else f"{number}-hump-ei"
 
 
 def _unity_humps(request: Request, number: int) -> Made:
     if request.sample_time is not None:
         bands = humped_ranges(different(request.modes), request.tolerance, number, unity_magnitude)
         shaper, needed = within_sums_on_samples(bands, 0.0, 1.0, request.sample_time)
-        what = f"partial sums in [0, 1] within {request.tolerance:g} over the range of each mode's own um-{_humps_of(number)}"
+        what = f"partial sums in [0, 1] within {request.tolerance:g} over the range of each mode's own um-{humps_of(number)}"
         return _with_samples(shaper, needed, f"sequences of {what}", request.sample_time, tuple(enumerate(bands)))
     if request.simultaneous and len(different(request.modes)) > 1:
         bands = humped_ranges(different(request.modes), request.tolerance, number, unity_magnitude)
         found = within_sums_and_bands(bands, 0.0, 1.0)
-        what = f"partial sums in [0, 1] within {request.tolerance:g} over the range of each mode's own um-{_humps_of(number)}"
+        what = f"partial sums in [0, 1] within {request.tolerance:g} over the range of each mode's own um-{humps_of(number)}"
         least = least_of(found.lower, f"sequences of {what}")
         return Made(found.shaper, least, tuple(enumerate(bands)), () if least else (UNPROVEN,))
     humped = [unity_magnitude(mode, request.tolerance, number) for mode in request.modes]
@@ -222,18 +211,9 @@ def _unity_humps(request: Request, number: int) -> Made:
     least = None
     if len(humped) == 1 and request.modes[0].decay < DECAYED:  # with partial sums from 0 on there is nothing shorter either
         lower = least_up_to_one_of(humped[0].zeros, humped[0].dips)
-        least = least_of(lower, summed((0.0, 1.0), _own(humped, request.modes)), zeros)
-    least = least or within_sums(zeros, sums_of(shaper), 0, _own(humped, request.modes))
-    return Made(shaper, least, notes=(*_ripples(humped, request), *(() if least else (UNPROVEN,))))
-
-
-def _own(humped: Sequence[Humped], modes: Sequence[Mode]) -> str:
-    """The zeros of humped shapers, as factors of their modes' frequencies."""
-    factors = [[f"{zero.frequency / mode.frequency:.6g}" for zero in one.zeros] for one, mode in zip(humped, modes, strict=True)]
-    parts = [" and ".join([", ".join(those[:-1]), those[-1]] if those[1:] else those) for those in factors]
-    if len(parts) == 1:
-        return f"its {'zeros' if len(factors[0]) > 1 else 'zero'}, at {parts[0]} of the frequency"
-    return "its zeros, at " + "; ".join(f"{part} of mode {number}'s frequency" for number, part in enumerate(parts, 1))
+        least = least_of(lower, summed((0.0, 1.0), own(humped, request.modes)), zeros)
+    least = least or within_sums(zeros, sums_of(shaper), 0, own(humped, request.modes))
+    return Made(shaper, least, notes=(*ripples(humped, request), *(() if least else (UNPROVEN,))))
 
 
 def _modified(request: Request, number: int) -> Made:

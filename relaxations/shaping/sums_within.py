@@ -26,7 +26,7 @@ from scipy.optimize import linprog, minimize
 
 from relaxations.checking.durations import Condition, none_within_sums
 from relaxations.errors import SolverError
-from relaxations.shaping.bands import Band, exceeded, sampled_demands
+from relaxations.shaping.bands import Band, exceeded, exceeded_closely, sampled_demands
 from relaxations.shaping.insensitive import implied
 from relaxations.shaping.polishing import Demand, rows
 from relaxations.shaping.shapers import Shaper
@@ -150,7 +150,7 @@ class Search:
         demands = list(dict.fromkeys(demand for demand, _ in self.cuts))
         for _ in range(ATTEMPTS):
             times = self._minimised(times, sizes, demands)
-            over = exceeded(times, sizes, self.bands, 1.0)
+            over = exceeded_closely(times, sizes, self.bands)
             if not over:
                 kept = np.flatnonzero(sizes)
                 return Shaper(tuple(map(float, times[kept] - times[kept][0])), tuple(map(float, sizes[kept])))
