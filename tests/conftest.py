@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import pickle
 import sys
 from collections import Counter
@@ -12,6 +13,8 @@ from typing import Any
 
 import pytest
 from hypothesis import settings
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, before NumPy is loaded
 
 # The machine's load must not decide a test, and neither may a coin: every run tries the same examples.
 settings.register_profile("slewcert", deadline=None, derandomize=True, database=None)

@@ -7,9 +7,13 @@ from fractions import Fraction
 from math import hypot
 from pathlib import Path
 
+import numpy as np
 import pytest
+from box_tasks import forged
 from click.testing import CliRunner
 from made_fmus import linear_fmu
+from scipy.linalg import expm
+from scipy.optimize import linprog
 
 from relaxations.checking.claims import Outcome, check
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
@@ -54,6 +58,77 @@ def test_a_mass_that_moves_needs_its_momentum() -> None:
     found = too_little(asked(MASS, 1, "0.3", start=(Fraction(0), Fraction(1))))
     assert found is not None
     assert 1 - 1e-6 <= found.below <= 1.0
+
+
+def needed(denominator: list[float], numerator: list[float], displacement: float, start: tuple[Fraction, ...], zeros: list[float]) -> float:
+    """By an independent program: the least Σ|impulse| at 200 instants of some time, in phase variables, and tails c e^{zr}, |c| ≤ 1.
+
+    What a tail burns does not count, so the best time may be a short one.
+    """
+    return min(needed_in(time, denominator, numerator, displacement, start, zeros) for time in (*np.geomspace(0.05, 4.0, 7), 30.0))
+
+
+def needed_in(
+    time: float, denominator: list[float], numerator: list[float], displacement: float, start: tuple[Fraction, ...], zeros: list[float]
+) -> float:
+    """The same in that time; infinite where it is not possible."""
+    n, count = len(denominator) - 1, 200
+    A = np.diag(np.ones(n - 1), 1)
+    A[-1] = -np.array(denominator[:0:-1])
+    step = expm(A * time / count)
+    columns, at = [], np.eye(n)[:, -1]
+    for _ in range(count + 1):
+        columns.append(at)
+        at = step @ at
+    rest = np.zeros(n)
+    rest[0] = displacement / numerator[-1]  # an integrator: no input is needed
+    free = np.linalg.matrix_power(step, count) @ np.array([float(x) for x in start])
+    ways = [np.linalg.solve(z * np.eye(n) - A, np.eye(n)[:, -1]) for z in zeros]
+    table = np.hstack([np.array(columns).T, -np.array(columns).T, *(-way[:, None] for way in ways)])
+    cost = np.concatenate([np.ones(2 * len(columns)), np.zeros(len(ways))])
+    bounds = [(0, None)] * (2 * len(columns)) + [(-1, 1)] * len(ways)
+    found = linprog(cost, A_eq=table, b_eq=rest - free, bounds=bounds, method="highs")
+    return float(found.fun) if found.status == 0 else np.inf
+
+
+@pytest.mark.parametrize(
+    ("start", "tail"),
+    [
+        (("-0.3", "1.5"), True),
+        *(
+            pytest.param(start, tail, marks=pytest.mark.slow)
+            for start in (("1", "0"), ("-0.5", "0"), ("0.2", "-0.7"), ("0", "0"))
+            for tail in (True, False)
+        ),
+    ],
+)
+def test_a_start_and_a_tail_together(start: tuple[str, str], tail: bool) -> None:
+    """(s + 2)/(s (s + 1)): proven, and as much as another program finds that it needs."""
+    begins = tuple(Fraction(x) for x in start)
+    least = needed([1, 1, 0], [1, 2], 4.0, begins, [-2.0] if tail else [])
+    found = too_little(asked(LinearPlant.from_transfer([1, 2], [1, 1, 0]), 4, "0.01", tail=tail, start=begins))
+    assert found is not None
+    assert check(found.certificate).outcome is Outcome.PROVED
+    sharp = not tail or start[1] != "-0.7"  # there a costate that is one for all times, short ones too, loses some
+    assert (1 - 2e-3 if sharp else 0.85) * least <= found.below <= least * (1 + 1e-9)  # of the other one's instants
+
+
+def test_a_start_that_helps_is_not_forgotten() -> None:
+    """Must and must not: what is refuted of one start is no claim about another one, nor about a larger budget."""
+    plant = LinearPlant.from_transfer([1, 2], [1, 1, 0])
+    found = too_little(asked(plant, 4, "0.01", tail=True, start=(Fraction(-1, 2), Fraction(0))))
+    assert found is not None
+    for change in (
+        lambda d: d["task"].update(initial_state=["1", "0"]),
+        lambda d: d["task"].update(initial_state=["-0.4999", "0"]),
+        lambda d: d["task"].update(initial_state=["-0.5", "0.001"]),
+        lambda d: d["task"]["limits"].update(fuel=str(found.below * (1 + 1e-5))),
+        lambda d: d["lower"].update(fuel="0.5"),
+        lambda d: d["lower"].update(costate=[]),
+    ):
+        assert forged(found.certificate, change) is not Outcome.PROVED
+    for change in (lambda d: d["task"].update(initial_state=["-0.5001", "0"]), lambda d: d["task"]["limits"].update(fuel="1")):
+        assert forged(found.certificate, change) is Outcome.PROVED
 
 
 @pytest.mark.parametrize("posed", [asked(LAG, 3, None), asked(LAG, 3, "3.5"), asked(MASS, 1, "0.001")])
