@@ -28,6 +28,7 @@ MOST_ZEROS, MOST_POINTS, POINTS = 6, 2000, 200
 EASY = 1  # flexible modes: of more of them a proof of what is held in a form takes long
 SPARING = 7  # without --from: the most that any of the kinds burns, divided by this
 MORE = 1.02  # times the fuel that every command needs: with hardly more than that a move takes for ever
+FINE = 60  # budgets: of fewer a picture shows the steps between them
 DIGITS = 4  # of a node's fuel where it is written as a budget, rounded up
 MOST_HIGHER = 1000.0
 
@@ -152,6 +153,9 @@ def plan(
         notes.append(f"nodes are known in closed form where {against}; prudent choices are knees of the sampled curves")
     if held is None and not (held := len(plant.flexible) <= EASY):
         notes.append(f"commands held in the form of pulses one way, then the other, are left out, with {len(plant.flexible)} modes: --held")
+    if count < FINE:
+        why = "between two budgets the bound that is proven is that of the larger one, so that it looks like stairs"
+        notes.append(f"{why}, and switches stand apart: more --points draw both finer (now {count})")
     known = [(_up(node.fuel, DIGITS), node) for node in nodes(posed[-1][1], float(low), float(high))]
     known = [(fuel, node) for fuel, node in known if low <= fuel <= high]
     own = study.limits.fuel

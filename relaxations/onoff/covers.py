@@ -51,11 +51,12 @@ def cover(problem: Problem, price: float, cost: float) -> list[Piece] | None:
 def least_at(problem: Problem, time: float) -> tuple[Looks, Dual] | None:
     """The dual of the least fuel at a maneuver time [s]; None where none was found."""
     try:
-        looks = Looks.of(problem, time, 1)
-        dual = least_fuel(looks, Windows(0.0, time))
+        with np.errstate(all="ignore"):  # a search that gets lost is told by what comes of it
+            looks = Looks.of(problem, time, 1)
+            dual = least_fuel(looks, Windows(0.0, time))
     except (ShortHorizonError, SolverError):
         return None
-    return None if dual is None else (looks, dual)
+    return None if dual is None or not np.isfinite(dual.value) else (looks, dual)
 
 
 def _piece(problem: Problem, price: float, end: float, cost: float) -> Piece | None:

@@ -46,10 +46,10 @@ THIN = 1e-5  # of the duration, or the input's range: what is so small is none
 CLOSE = (1e-15, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9)  # beyond what a command costs in floating point, where that is claimed (relative)
 MARGINS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)  # … and beneath the least cost that was found
 BEYOND = (0.0, 1e-10, 1e-9, 1e-8)  # how far beyond the cheapest fuel a budget is (relative)
-SCANNED, ROUNDS = 24, 36  # times at which the least fuel is computed first, and steps of the search around the best of them
+SCANNED, ROUNDS = 16, 36  # times at which the least fuel is computed first, and steps of the search around the best of them
+EACH_PERIOD, MOST_SCANNED = 5, 160  # times for each period of the slowest mode: every node may be a valley of its own
 BESIDE = (1e-6, 1e-5, 1e-4, 1e-3)  # … and times beside the fastest move (relative), for small prices
 SETTLED = 1e-10  # of the time: bounds of the best one that are closer are as good as one
-LONGEST = 4.0  # times the fastest move: nothing is scanned beyond
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,8 +239,12 @@ def _best(problem: Problem, price: float, fastest: float, cost: float) -> tuple[
         looks, dual = found
         return time, time + price * dual.value, 1.0 - price * float(saved(looks, dual.costate, np.array([time]))[0])
 
-    times = np.linspace(fastest, max(min(cost, LONGEST * fastest), fastest * 1.01), SCANNED)
+    times = np.geomspace(fastest, max(cost, fastest * 1.01), SCANNED)  # who takes longer than the best so far costs, costs more
     looked = [at(float(time)) for time in (*times, *(fastest * (1.0 + share) for share in BESIDE))]
+    end = max(min(cost, *(value for _, value, _ in looked)), fastest * 1.01)
+    slowest = max((2.0 * np.pi / abs(pole) for pole in problem.poles if pole.imag), default=np.inf)
+    count = int(np.clip(EACH_PERIOD * (end - fastest) / slowest, SCANNED, MOST_SCANNED))
+    looked += [at(float(time)) for time in np.linspace(fastest, end, count + 1)[1:]]
     for turn in range(ROUNDS):
         looked.sort()
         k = min(range(len(looked)), key=lambda i: looked[i][1])
