@@ -35,12 +35,13 @@ Shorter = Callable[[tuple[Fraction, ...], Reals, float], Pulsed | None]  # near 
 CLOSE, CLOSEST = 1e-4, 1e-6  # of a time: what a claim leaves
 LONGER = (1.5, 2.5, 5.0)  # times the lower side, where no command is known
 SHARE = 0.5  # of what is between the sides, or its square, where that is too close
-MOST, FEW = 600, 100  # parts of trees; so few that a closer claim is tried
+ALL, MOST, FEW = 3000, 1000, 100  # parts of all trees of a task, of those of one claim; so few that a closer claim is tried
+MANY = 24  # pulses: with more there are too many orders of them
 LIKELY = 0.3  # of a move: where shares differ from pulses for less a command is looked for
 CELLS = 48  # of a move, beside the edges of a part
 REACHED = 1e-9  # of the scaled equations: what shares miss so little they may reach
-INNER = 0.2  # of an edge's range: a split is not closer to its ends
-LIKE = 0.02  # of a move: shares that differ from pulses for so long are nearly pulses
+INNER = 0.3  # of an edge's range: a split is not closer to its ends
+LIKE = 0.05  # of a move: shares that differ from pulses for so long are nearly pulses
 SMALLEST = 1e-7  # of a move: a range is not split further
 DIGITS = 22  # bits of an instant of a split, relative to the move
 BITS = 128
@@ -59,41 +60,59 @@ class Shares:
     of: dict[tuple[int, int], Reals]
 
 
-def refuting(
-    problem: Problem, task: dict[str, Any], below: Side | None, above: float | None, shorter: Shorter
-) -> tuple[Side | None, Pulsed | None]:
-    """The best lower side that trees prove, closer to the time `above` [s] of a command than the side `below`; that one if none is.
+class Refutation:
+    """Lower sides of one task by trees, as many as `left` parts allow; `shorter` looks for a command near an outline."""
 
-    A claim is `CLOSE` first, and leaves larger shares of what is between where its trees grow too large; small ones are tried closer still.
-    Without a command so many times the lower side are claimed instead. A shorter command that is found on the way ends the search.
-    """
-    if problem.begin is not None or problem.residuals is not None or problem.transition is not None:
-        return below, None
-    best, known = below, float(below.claim) if below else 0.0
-    if above is None:
-        for factor in LONGER:
-            trees = Trees(problem, task, Fraction(known * factor), MOST, shorter)
-            if trees.found or (side := trees.side(task)) is None:
+    def __init__(self, problem: Problem, task: dict[str, Any], shorter: Shorter) -> None:
+        self.problem, self.task, self.shorter, self.left = problem, task, shorter, ALL
+
+    def closest(self, below: Side | None, above: float | None) -> tuple[Side | None, Pulsed | None]:
+        """The best lower side that trees prove, closer to the time `above` [s] of a command than `below`; that one if none is.
+
+        A claim is `CLOSE` first, and leaves larger shares of what is between where its trees grow too large; small ones are tried closer
+        still. Without a command so many times the lower side are claimed instead. A shorter command found on the way ends the search.
+        """
+        problem, best, known = self.problem, below, float(below.claim) if below else 0.0
+        other = problem.begin is not None or problem.residuals is not None or problem.transition is not None
+        if other or known == 0.0 or _most(problem, above or LONGER[-1] * known) > MANY:
+            return below, None
+        if above is None:
+            for factor in LONGER:
+                trees = self._trees(known * factor)
+                if trees.found or (side := trees.side(self.task)) is None:
+                    return best, trees.found
+                best = side
+            return best, None
+        share, close = 0.0, CLOSE * above
+        while (left := max(share * (above - known), close)) < above - known and self.left:
+            trees = self._trees(above - left)
+            if trees.found:
                 return best, trees.found
-            best = side
+            if (side := trees.side(self.task)) is not None:
+                best, known, share = side, float(side.claim), max(share, SHARE)
+                if left > close:
+                    continue
+                if len(trees.nodes) < FEW:
+                    trees = self._trees(above * (1.0 - CLOSEST), 4 * FEW)
+                    best = trees.side(self.task) or best
+                return best, trees.found
+            if share >= SHARE:
+                break
+            share = SHARE if share else SHARE**2
         return best, None
-    share, close = 0.0, CLOSE * above
-    while (left := max(share * (above - known), close)) < above - known:
-        trees = Trees(problem, task, Fraction(above - left), MOST, shorter)
-        if trees.found:
-            return best, trees.found
-        if (side := trees.side(task)) is not None:
-            best, known, share = side, float(side.claim), max(share, SHARE)
-            if left > close:
-                continue
-            if len(trees.nodes) < FEW:
-                trees = Trees(problem, task, Fraction(above * (1.0 - CLOSEST)), 4 * FEW, shorter)
-                best = trees.side(task) or best
-            return best, trees.found
-        if share >= SHARE:
-            break
-        share = SHARE if share else SHARE**2
-    return best, None
+
+    def _trees(self, time: float, most: int = 0) -> Trees:
+        most = min(most or MOST, self.left)
+        trees = Trees(self.problem, self.task, Fraction(time), most, self.shorter)
+        self.left -= most - trees.left
+        return trees
+
+
+def _most(problem: Problem, time: float | Fraction) -> int:
+    """How many pulses there may be in a move of `time` [s]."""
+    limits = problem.maneuver.limits
+    fit = int(time / limits.pulse_width) if limits.pulse_width else limits.pulses or 0
+    return min(fit, limits.pulses or fit)
 
 
 class Trees:
@@ -124,10 +143,8 @@ class Trees:
         return fmpq_of(self.problem.maneuver.limits.pulse_width or Fraction(0))
 
     def _numbers(self) -> range:
-        limits = self.problem.maneuver.limits
-        fit = int(self.time / limits.pulse_width) if limits.pulse_width else limits.pulses or 0
-        most = min(fit, limits.pulses or fit)
-        return range(0 if limits.pulse_width else most, most + 1)
+        most = _most(self.problem, self.time)
+        return range(0 if self.problem.maneuver.limits.pulse_width else most, most + 1)
 
     def _grow(self, n: int) -> bool:
         waiting = [pulses.tight(pulses.whole(n, fmpq_of(self.time), self.system), self.width)]
@@ -279,7 +296,7 @@ def _split(box: pulses.Box, shares: Shares, time: float) -> dict[str, Any] | Non
             a, b = (float(Fraction(int(x.p), int(x.q))) for x in ends)
             if b - a > SMALLEST * time:
                 at = min(max(wanted, a + INNER * (b - a)), b - INNER * (b - a))
-                found.append(((unlike + LIKE * time) * (b - a) / time, {"pulse": i, "edge": edge, "at": at}))
+                found.append(((unlike + LIKE * time) * math.sqrt((b - a) / time), {"pulse": i, "edge": edge, "at": at}))
         best = max(([best] if best else []) + found, key=lambda pair: pair[0], default=None)
     if best is None:
         return None

@@ -18,7 +18,7 @@ from relaxations.maneuvers import Problem
 from relaxations.maneuvers import problem as pose
 from relaxations.plants import fraction
 from relaxations.programs import GridSolution
-from relaxations.pulse_trees import refuting
+from relaxations.pulse_trees import Refutation
 from relaxations.robust.proofs import sampled
 from relaxations.sides import Proof, Side, accepted, concluded, rounded
 from relaxations.thrusters import Pulsed, admissible, pulsed_commands, searched
@@ -51,12 +51,10 @@ def pulsed_time(problem: Problem, task: dict[str, Any], minimum: Callable[[Probl
     if first.upper is not None:
         found = [*pulsed_commands(_sampled(problem, first), first.lower, first.command), *mirrored_commands(problem, first.lower)]
     watch = Watch.of(problem)
+    trees = Refutation(problem, task, lambda levels, durations, best: searched(problem, watch, levels, durations, best))
     for _ in range(ROUNDS):
         proof = _shortest(problem, task, found, proof)
-        above = float(proof.upper.claim) if proof.upper else None
-        side, better = refuting(
-            problem, task, proof.lower, above, lambda levels, durations, best: searched(problem, watch, levels, durations, best)
-        )
+        side, better = trees.closest(proof.lower, float(proof.upper.claim) if proof.upper else None)
         proof = replace(proof, lower=side)
         if better is None:
             break
