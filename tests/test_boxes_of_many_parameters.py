@@ -59,6 +59,16 @@ def test_what_kicks_leave_is_enclosed_over_a_wide_ball_of_poles(order: int, damp
         assert width > 0.1 or float(found[0].rad()) <= 8.0 * spread
 
 
+def test_an_end_of_the_move_that_is_a_ball_loses_nothing() -> None:
+    """Where the duration is one of the unknowns the last jump has a time to go of 0 ± a little."""
+    with precision(128):
+        wide = acb_series([acb(0, arb(1.3, 0.01)), acb(0, 1)])
+        exact, solved = (
+            Kicks([*((arb(s), arb(jump)) for s, jump in JUMPS[:-1]), (last, arb(1))], 1).shaken(wide) for last in (arb(0), arb(0, 1e-18))
+        )
+        assert all(abs(one.rad() - other.rad()) < 1e-12 for one, other in zip(exact.coeffs(), solved.coeffs(), strict=True))
+
+
 def test_series_are_told_apart_by_every_bit() -> None:
     with precision(128):
         met, one = Met(), acb_series([acb(arb(1, 1e-9), 2), acb(1)])

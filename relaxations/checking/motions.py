@@ -56,10 +56,11 @@ class Kicks:
             for s, jump in self.jumps:
                 spend(FURTHER)
                 term = (middle * s).exp() * jump
-                far, size = s * reach, abs(term)
+                most = abs(s).upper()  # powers of a ball that may reach below 0 are no numbers
+                far, size = most * reach, abs(term)
                 grown = size * far.exp()
                 for k in range(len(rests)):
-                    rests[k] += grown * s**k / factorial(k) * far ** (FURTHER - k) / factorial(FURTHER - k)
+                    rests[k] += grown * most**k / factorial(k) * far ** (FURTHER - k) / factorial(FURTHER - k)
                 for m in range(FURTHER):
                     terms[m] += term
                     term = term * s / (m + 1)
