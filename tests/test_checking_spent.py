@@ -165,10 +165,15 @@ def test_a_costate_of_other_limits_says_nothing_of_fuel() -> None:
     assert spent.too_little(posed, None, None) is False
 
 
-def test_a_costate_speaks_of_moves_from_rest() -> None:
+def test_a_costate_counts_what_the_start_has_done_already() -> None:
+    """1/s from m to 1 takes 1 - m of fuel."""
     asked = {"numbers": arb_mat(1, 1, [1]), "price": arb(0), "limit": fmpq(1)}
     assert spent.by_costate(system(task(["1"], ["1", "0"], "1", fuel="1/2")), **asked)
-    assert not spent.by_costate(system(started(["1", "0"], ["0"], "1", fuel="1/2")), **asked)
+    for begun in ("0", "2/5", "49/100"):
+        assert spent.by_costate(system(started(["1", "0"], [begun], "1", fuel="1/2")), **asked)
+    for begun in ("1/2", "3/5"):
+        with pytest.raises(Undecided, match="what the start asks for less"):
+            spent.by_costate(system(started(["1", "0"], [begun], "1", fuel="1/2")), **asked)
     dear = {**asked, "price": arb("0.4999")}
     assert spent.by_costate(system(task(["1"], ["1", "0"], "1", fuel="1/2")), **dear)
     assert not spent.by_costate(system(task(["1"], ["1", "0"], "1", fuel="1/2")), **{**asked, "price": arb("0.5001")})
@@ -181,7 +186,6 @@ def test_a_costate_speaks_of_moves_from_rest() -> None:
         (polynomial([1, 0], [1, 0, 1], [1, 0, 1]), [1, 0, 0, "1/1000", 0]),
         (polynomial([1, 0], [1, "-1/2"]), [-1, "1/1000"]),
         (polynomial([1, 0], [1, "-1/2", 1]), [1, "1/1000", 0]),
-        (polynomial([1, 0], [1, "-1/2", 1]), [1, 0, 0]),
     ],
 )
 def test_a_costate_that_may_grow_says_nothing(denominator: list[str], numbers: list[Any]) -> None:
@@ -190,6 +194,11 @@ def test_a_costate_that_may_grow_says_nothing(denominator: list[str], numbers: l
         spent.by_costate(
             posed, arb_mat(len(numbers), 1, [arb(Fraction(x).numerator) / Fraction(x).denominator for x in numbers]), arb(0), fmpq(10**6)
         )
+
+
+def test_a_pole_that_grows_is_nothing_to_a_costate_without_it() -> None:
+    posed = system(task(["1"], polynomial([1, 0], [1, "-1/2", 1]), "1", fuel="1/10000000"))
+    assert spent.by_costate(posed, arb_mat(3, 1, [1, 0, 0]), arb(0), fmpq(10**6))
 
 
 def test_a_costate_may_be_largest_late() -> None:
