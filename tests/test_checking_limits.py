@@ -135,6 +135,7 @@ def test_the_claim_says_what_pulses_are_meant() -> None:
     said = claim(check(proven_limited("pulsed")))
     assert "u is -1, 1 or 0, in pulses" in said
     assert "of at least 1.1 s. The lower side is that of such pulses." in said
+    assert "no command of such pulses does this in less than 5.17" in said
 
 
 @pytest.mark.parametrize(

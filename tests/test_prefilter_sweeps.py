@@ -138,6 +138,7 @@ def test_the_published_designs_beside_each_other(pitch: Path, tmp_path: Path) ->
         assert f">{label}<" in picture.read_text()
 
 
+@pytest.mark.slow
 def test_a_rigid_body_has_no_cascade_and_the_table_says_so(tmp_path: Path) -> None:
     file = tmp_path / "rigid.toml"
     file.write_text(TEXT.format([1, 1], [1, 0, 1, 0], 1.0, "-9, 9"))

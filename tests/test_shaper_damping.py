@@ -167,6 +167,7 @@ def test_specified_insensitivity_is_near_its_bound_with_much_damping(damping: fl
         assert made.shaper.duration == pytest.approx(-math.log(tolerance) / (0.8 * damping), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_specified_insensitivity_of_a_tolerance_that_programs_do_not_tell_from_none():
     made = make("si", Request((Mode(1.0, 0.6),), tolerance=1e-9))
     assert made.least is not None

@@ -163,7 +163,7 @@ def test_mistakes_are_named(words, told: str):
     "bands",
     [
         # The wide one is kept by what the narrow one needs: both sides are the same.
-        [Band(MODE, 0.9, 1.1, 0.02), Band(MODE, 0.89, 1.11, 0.9)],
+        slow([Band(MODE, 0.9, 1.1, 0.02), Band(MODE, 0.89, 1.11, 0.9)]),
         slow([Band(MODE, 0.8, 1.1, 0.05), Band(MODE, 0.9, 1.3, 0.1)]),
     ],
 )

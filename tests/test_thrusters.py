@@ -47,6 +47,7 @@ def test_where_the_fastest_pulses_are_wide_enough_nothing_is_lost() -> None:
     assert pulses(command) == pytest.approx([1.0, 1.0])
 
 
+@pytest.mark.slow
 def test_pulses_that_are_too_wide_for_two_need_a_third() -> None:
     """Back, forth and back: for width w ≥ 1 the outer ones… the shortest of three full pulses of at least w that move a rigid body by 1."""
     width = 1.1

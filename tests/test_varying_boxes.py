@@ -78,6 +78,7 @@ def residual(plant: VaryingPlant, command: Any, times: Reals) -> Reals:
     return np.array(seen) - 3.0
 
 
+@pytest.mark.slow
 def test_the_command_does_what_is_claimed_by_another_integration() -> None:
     bound = found()
     assert bound.command is not None

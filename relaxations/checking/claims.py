@@ -166,12 +166,14 @@ def claim(found: Check) -> str:
         first, second = held.split(", then ")
         lines.append(f"  Form: until some instant of the move u is {task['initial_input']} or on its {first} side, and from then on")
         lines.append(f"  {task['initial_input']} or on its {second} side. The claim is about inputs of this form alone.")
+    trees = False
     if (width := task["limits"]["pulse_width"]) is not None or task["limits"]["pulses"] is not None:
         lines.append(f"  Thrusters: until T, u is {low}, {high} or {task['initial_input']}, in pulses (constant pieces other than that)")
         few = "" if task["limits"]["pulses"] is None else f", at most {task['limits']['pulses']} of them"
-        whose = "such pulses" if found.certificate.lower and found.certificate.lower.pulses else "all inputs in the limits"
+        trees = bool(found.certificate.lower and found.certificate.lower.pulses)
+        whose = "such pulses" if trees else "all inputs in the limits"
         lines.append(f"  {'of any width' if width is None else f'of at least {width} s'}{few}. The lower side is that of {whose}.")
-    who = "no measurable command within the limits"
+    who = "no command of such pulses" if trees else "no measurable command within the limits"
     if step := task["limits"]["sample_time"]:
         lines.append(f"  u is constant on each [k h, (k + 1) h), h = {step} s, and T is a whole number of h.")
         who = "no command within the limits that is constant over each sample"
