@@ -129,7 +129,7 @@ def _enough_pulses(study: Study, plant: LinearPlant) -> None:
     pulses, order = study.limits.pulses, plant.rigid_order
     if pulses is None or pulses >= order or study.maneuver.initial_state is not None or study.plant.schedule is not None:
         return
-    why = f"cannot bring a plant with {order} integrators from rest to rest: its input changes sign at least {order - 1} time{'s' * (order > 2)}"
+    why = f"cannot bring a plant with {order} integrators from rest to rest: its input changes sign at least {order - 1} time(s)"
     raise StudyError(str(study.file), [Mistake("limits.pulses", pulses, f"{why}, which takes {order} pulses")])
 
 

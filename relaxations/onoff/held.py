@@ -51,7 +51,7 @@ def towards(plant: LinearPlant, displacement: Fraction) -> int:
         )
     if order > 2:
         raise ManeuverError(
-            f"with {order} integrators the sign of the input has to change at least {order - 1} time{'s' * (order > 2)}: pulses one way, then the other "
+            f"with {order} integrators the sign of the input has to change at least {order - 1} time(s): pulses one way, then the other "
             "(type = 1) cannot do it"
         )
     highest = plant.partial().residues[0][-1].real
