@@ -29,6 +29,8 @@ FEWEST = 16  # samples
 REALIZED, TRIED, FITTED = 600, 800, 4000  # samples that are realised, on which numbers of modes are tried, and that are fitted
 FURTHER = (0, 4, 10)  # orders beyond two a mode: noise takes some
 FAINT = 0.02  # of the largest amplitude: a smaller mode is none that a shaper should be made for
+STRAIGHT = 1e-6  # of a record: what a parabola leaves of it where it only drifts
+DRIFT = "the record holds no vibration, only a slow drift"
 FLOOR = 1e-7  # of the largest value: no measurement is better, and rounding is no mode
 COARSE = 2.8  # ω times the step: closer to π a mode cannot be told from its mirror image
 WIDEST = 0.95  # damping ratio
@@ -84,6 +86,8 @@ def identify_decay(times: Sequence[float] | Reals, values: Sequence[float] | Rea
     stride = -(-len(t) // FITTED)
     t, y = t[::stride], y[::stride]
     size = float(np.abs(y - y.mean()).max())
+    if float(np.std(y - np.polyval(np.polyfit(t, y, 2), t))) <= STRAIGHT * float(np.std(y)):  # what fits it best is of rounding's choice
+        raise DecayError(DRIFT)
     step, even = _even(t, y)
     few = slice(None, None, -(-len(t) // TRIED))
     best: tuple[float, _Fit] | None = None
@@ -109,7 +113,7 @@ def identify_decay(times: Sequence[float] | Reals, values: Sequence[float] | Rea
     if not kept:
         slowest = 2.0 * math.pi / float(fit.frequencies[int(sizes.argmax())])
         if slowest > 10.0 * t[-1]:
-            raise DecayError("the record holds no vibration, only a slow drift")
+            raise DecayError(DRIFT)
         raise DecayError(f"the record lasts {t[-1]:.4g} s, less than the period of its vibration, about {slowest:.4g} s")
     share = fit.rms / float(np.std(y))
     if min(fit.dampings[i] for i in kept) < GROWING and share > POOR:
