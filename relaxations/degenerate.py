@@ -21,11 +21,11 @@ from flint import arb, arb_mat
 from relaxations import certificates
 from relaxations.bounds import Settings, cut, instants
 from relaxations.commands import Command, Segment, Tail
-from relaxations.digits import Equations, equations, rational
+from relaxations.digits import Equations, equations
 from relaxations.errors import SolverError
 from relaxations.frames import decimal
 from relaxations.maneuvers import Problem
-from relaxations.plants import precision
+from relaxations.plants import precision, rational
 from relaxations.refinement import Extremal
 from relaxations.sides import MARGINS, Proof, Side, accepted, lower_side, rounded
 

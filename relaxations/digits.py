@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import lru_cache
 from math import comb, factorial
 from typing import cast
@@ -15,7 +14,7 @@ from flint import acb, arb, arb_mat, fmpq, fmpq_poly
 
 from relaxations.initial import chain
 from relaxations.maneuvers import Problem
-from relaxations.plants import Pole
+from relaxations.plants import Pole, rational
 from relaxations.tails import Cap, Contact
 from relaxations.transitions import Transition
 
@@ -134,11 +133,6 @@ class VaryingEquations(Equations):
 
 def _parts(value: acb, flexible: bool) -> list[arb]:
     return [value.real, value.imag] if flexible else [value.real]
-
-
-def rational(value: Fraction) -> fmpq:
-    """As python-flint writes it."""
-    return fmpq(value.numerator, value.denominator)
 
 
 @lru_cache(maxsize=64)

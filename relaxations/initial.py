@@ -12,12 +12,12 @@ from fractions import Fraction
 from typing import cast
 
 import numpy as np
-from flint import acb, fmpq, fmpq_mat, fmpq_poly
+from flint import acb, fmpq_mat, fmpq_poly
 from numpy.typing import NDArray
 
 from relaxations.errors import ManeuverError
 from relaxations.moments import Basis
-from relaxations.plants import Exact, LinearPlant, exact, fraction, precision
+from relaxations.plants import Exact, LinearPlant, exact, fraction, precision, rational
 
 Reals = NDArray[np.float64]
 
@@ -31,13 +31,13 @@ def from_state(plant: LinearPlant, A: Sequence[Sequence[Exact]], B: Sequence[Exa
 
     Raises `ManeuverError` if a part of the state is one that the input cannot move.
     """
-    system, vector = (fmpq_mat([[_rational(exact(x)) for x in row] for row in rows]) for rows in (A, [[b] for b in B]))
+    system, vector = (fmpq_mat([[rational(exact(x)) for x in row] for row in rows]) for rows in (A, [[b] for b in B]))
     coefficients, order, size = plant.denominator.coeffs(), plant.order, len(B)
     columns = [vector]  # w_{n-1} = B, w_{i-1} = A w_i + d_i B
     for i in range(order - 1, 0, -1):
         columns.insert(0, system * columns[0] + vector * coefficients[i])
     matrix = fmpq_mat([[column[row, 0] for column in columns] for row in range(size)])
-    wanted = fmpq_mat([[_rational(exact(x))] for x in state])
+    wanted = fmpq_mat([[rational(exact(x))] for x in state])
     found = (matrix.transpose() * matrix).solve(matrix.transpose() * wanted)
     if matrix * found != wanted:
         raise ManeuverError("the initial state moves a mode that the input cannot reach: no command brings it to rest")
@@ -61,7 +61,7 @@ def from_output(plant: LinearPlant, derivatives: Sequence[Exact]) -> tuple[Fract
     matrix = fmpq_mat(rows)
     if matrix.det() == 0:
         raise ManeuverError("the output does not see every mode, so it does not say in what state the plant begins")
-    found = matrix.solve(fmpq_mat([[_rational(exact(x))] for x in derivatives]))
+    found = matrix.solve(fmpq_mat([[rational(exact(x))] for x in derivatives]))
     return tuple(fraction(found[i, 0]) for i in range(n))
 
 
@@ -81,10 +81,6 @@ def moments(plant: LinearPlant, basis: Basis, start: Sequence[Fraction]) -> Real
     return basis.real(iter(np.array([value]) for value in values))[:, 0]
 
 
-def _rational(value: Fraction) -> fmpq:
-    return fmpq(value.numerator, value.denominator)
-
-
 def chain(pole: acb, multiplicity: int, denominator: fmpq_poly, start: Sequence[Fraction]) -> list[acb]:
     """The moments at one pole of ξ and its derivatives, at the precision that is set."""
     quotient, found = [acb(c) for c in denominator.coeffs()], []
@@ -93,7 +89,7 @@ def chain(pole: acb, multiplicity: int, denominator: fmpq_poly, start: Sequence[
         for coefficient in reversed(quotient[1:-1]):
             below.insert(0, coefficient + pole * below[0])
         quotient = below
-        found.append(sum((q * _rational(x) for q, x in zip(quotient, start, strict=False)), acb(0)))
+        found.append(sum((q * rational(x) for q, x in zip(quotient, start, strict=False)), acb(0)))
     return found
 
 

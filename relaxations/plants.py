@@ -48,9 +48,13 @@ def exact(number: Exact) -> Fraction:
         raise PlantError(f"a plant holds finite numbers only, not {number!r}") from None
 
 
+def rational(number: Fraction) -> fmpq:
+    """A fraction as python-flint writes it."""
+    return fmpq(number.numerator, number.denominator)
+
+
 def _fmpq(number: Exact) -> fmpq:
-    value = exact(number)
-    return fmpq(value.numerator, value.denominator)
+    return rational(exact(number))
 
 
 def fraction(number: fmpq) -> Fraction:

@@ -16,10 +16,10 @@ from fractions import Fraction
 
 from flint import arb, arb_mat
 
-from relaxations.digits import Equations, equations, rational
+from relaxations.digits import Equations, equations
 from relaxations.frames import decimal
 from relaxations.maneuvers import Problem
-from relaxations.plants import precision
+from relaxations.plants import precision, rational
 from relaxations.refinement import Extremal
 from relaxations.tails import Contact, cap_bound
 

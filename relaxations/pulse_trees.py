@@ -26,6 +26,7 @@ from relaxations.checking import lower, pulses
 from relaxations.checking.balls import System, system, work
 from relaxations.checking.reading import LEAF, TASK, Undecided, shaped
 from relaxations.maneuvers import Problem
+from relaxations.plants import fraction, rational
 from relaxations.sides import Side, accepted
 from relaxations.thrusters import Pulsed, off
 
@@ -140,14 +141,14 @@ class Trees:
     @property
     def width(self) -> fmpq:
         """The least width of a pulse [s]; 0: none."""
-        return fmpq_of(self.problem.maneuver.limits.pulse_width or Fraction(0))
+        return rational(self.problem.maneuver.limits.pulse_width or Fraction(0))
 
     def _numbers(self) -> range:
         most = _most(self.problem, self.time)
         return range(0 if self.problem.maneuver.limits.pulse_width else most, most + 1)
 
     def _grow(self, n: int) -> bool:
-        waiting = [pulses.tight(pulses.whole(n, fmpq_of(self.time), self.system), self.width)]
+        waiting = [pulses.tight(pulses.whole(n, rational(self.time), self.system), self.width)]
         while waiting:
             box = waiting.pop()
             if box is None:
@@ -167,7 +168,7 @@ class Trees:
             if (split := _split(box, shares, float(self.time))) is None:
                 return False
             self.nodes.append({"split": split, "leaf": None})
-            parts = pulses.halves(box, SimpleNamespace(**split | {"at": fmpq_of(Fraction(float.fromhex(split["at"])))}))
+            parts = pulses.halves(box, SimpleNamespace(**split | {"at": rational(Fraction(float.fromhex(split["at"])))}))
             waiting += [pulses.tight(part, self.width) for part in parts[::-1]]
         return True
 
@@ -200,20 +201,15 @@ class Trees:
 
     def _refutes(self, box: pulses.Box, leaf: dict[str, Any]) -> bool:
         try:
-            return pulses.refuted(self.system, box, shaped(leaf["leaf"], LEAF, "leaf"), fmpq_of(self.time), lower.support)
+            return pulses.refuted(self.system, box, shaped(leaf["leaf"], LEAF, "leaf"), rational(self.time), lower.support)
         except Undecided:
             return False
-
-
-def fmpq_of(number: Fraction) -> fmpq:
-    """The same number."""
-    return fmpq(number.numerator, number.denominator)
 
 
 def relaxed(problem: Problem, system: System, box: pulses.Box, time: float) -> Shares:
     """The shares of a part that miss the equations least."""
     limits, levels = problem.maneuver.limits, {1: problem.upper, -1: problem.lower}
-    ranges = [[float(Fraction(int(x.p), int(x.q))) for x in (*one.begin, *one.end)] for one in box]
+    ranges = [[float(fraction(x)) for x in (*one.begin, *one.end)] for one in box]
     edges = np.unique(np.clip([*np.linspace(0.0, time, CELLS + 1), *(x for four in ranges for x in four)], 0.0, time))
     edges = edges[np.append(True, np.diff(edges) > 1e-12 * time)]
     widths, middles, table = np.diff(edges), (edges[1:] + edges[:-1]) / 2, np.diff(problem.rows(edges, 1), axis=1)
@@ -293,7 +289,7 @@ def _split(box: pulses.Box, shares: Shares, time: float) -> dict[str, Any] | Non
         _, *ideal, unlike = _like(shares, i)
         found = [(unlike, {"pulse": i, "edge": "sign", "at": 0.0})] if one.sign == 0 else []
         for edge, ends, wanted in (("begin", one.begin, ideal[0]), ("end", one.end, ideal[1])):
-            a, b = (float(Fraction(int(x.p), int(x.q))) for x in ends)
+            a, b = (float(fraction(x)) for x in ends)
             if b - a > SMALLEST * time:
                 at = min(max(wanted, a + INNER * (b - a)), b - INNER * (b - a))
                 found.append(((unlike + LIKE * time) * math.sqrt((b - a) / time), {"pulse": i, "edge": edge, "at": at}))

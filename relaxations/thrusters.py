@@ -215,7 +215,7 @@ def searched(problem: Problem, watch: Watch, levels: tuple[Fraction, ...], begin
     least, durations = _least_width(problem), begin
     for turn in range(CUTS):
         if turn:
-            levels, durations = _without_coasts(problem, levels, durations)
+            levels, durations = without_coasts(problem, levels, durations)
         values = np.array([float(level - problem.maneuver.rest) for level in levels])
         on = np.array([level != off(problem) for level in levels])
         wide = np.where(on, least, 0.0)
@@ -223,7 +223,7 @@ def searched(problem: Problem, watch: Watch, levels: tuple[Fraction, ...], begin
         if found is None or found.sum() >= best:  # what is watched more closely takes no less
             return None
         durations = found
-        if len(_without_coasts(problem, levels, durations)[0]) < len(levels):
+        if len(without_coasts(problem, levels, durations)[0]) < len(levels):
             continue
         more = watch.further(values, durations, 1.0 - ROOM / 2)
         if more is None:
@@ -232,7 +232,7 @@ def searched(problem: Problem, watch: Watch, levels: tuple[Fraction, ...], begin
     return None
 
 
-def _without_coasts(problem: Problem, levels: tuple[Fraction, ...], durations: Reals) -> tuple[tuple[Fraction, ...], Reals]:
+def without_coasts(problem: Problem, levels: tuple[Fraction, ...], durations: Reals) -> tuple[tuple[Fraction, ...], Reals]:
     """A command without coasts that have vanished, equal neighbours as one pulse."""
     kept: list[tuple[Fraction, float]] = []
     for level, duration in zip(levels, durations.tolist(), strict=True):

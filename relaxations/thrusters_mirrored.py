@@ -19,7 +19,7 @@ from relaxations.maneuvers import Problem
 from relaxations.mirrored import half, parity
 from relaxations.repair import pivots
 from relaxations.sides import RADII
-from relaxations.thrusters import HAIR, MORE, STRETCHED, VANISHED, Pulsed, landed, minimized, off
+from relaxations.thrusters import HAIR, MORE, STRETCHED, VANISHED, Pulsed, landed, minimized, off, without_coasts
 from relaxations.watching import Watch
 
 Reals = NDArray[np.float64]
@@ -58,17 +58,11 @@ def _searched(problem: Problem, own: Problem, levels: tuple[Fraction, ...], dura
         durations = minimized(own, Watch.of(own), values, values != 0.0, np.maximum(begin, wide), wide)
         if durations is None or durations[-1] <= VANISHED * durations.sum():
             return None
-        kept = (values != 0.0) | (durations > VANISHED * durations.sum())
-        if kept.all():
+        fewer = without_coasts(problem, levels, durations)
+        if len(fewer[0]) == len(levels):
             times = landed(own, levels, durations, wide / (1.0 + HAIR))
             return None if times is None else (levels, times)
-        pieces: list[tuple[Fraction, float]] = []
-        for level, duration in zip(np.array(levels, dtype=object)[kept], durations[kept], strict=True):
-            if pieces and pieces[-1][0] == level:
-                pieces[-1] = level, pieces[-1][1] + duration
-            else:
-                pieces.append((level, duration))
-        levels, begin = tuple(level for level, _ in pieces), np.array([duration for _, duration in pieces])
+        levels, begin = fewer
 
 
 def mirrored_witnesses(problem: Problem, found: Pulsed) -> Iterator[dict[str, Any]]:

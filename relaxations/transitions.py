@@ -27,7 +27,7 @@ from flint import arb, arb_mat, fmpq, fmpq_mat
 from numpy.typing import NDArray
 
 from relaxations.errors import PlantError, SolverError
-from relaxations.plants import Exact, LinearPlant, Pole, exact, fraction, precision
+from relaxations.plants import Exact, LinearPlant, Pole, exact, fraction, precision, rational
 
 Reals = NDArray[np.float64]
 Matrix = tuple[tuple[Fraction, ...], ...]
@@ -148,9 +148,9 @@ class VaryingPlant:
     def rest(self, displacement: Fraction) -> tuple[Row, Fraction]:
         """The state and the input that hold the output `displacement` away; raises `PlantError` unless they do so at every instant."""
         n = self.order
-        table = [[*(_rational(x) for x in (*row, b))] for row, b in zip((*self.A[-1], self.C[-1]), (*self.B[-1], self.D[-1]), strict=True)]
+        table = [[*(rational(x) for x in (*row, b))] for row, b in zip((*self.A[-1], self.C[-1]), (*self.B[-1], self.D[-1]), strict=True)]
         try:
-            found = fmpq_mat(table).solve(fmpq_mat([*([fmpq(0)] for _ in range(n)), [_rational(displacement)]]))
+            found = fmpq_mat(table).solve(fmpq_mat([*([fmpq(0)] for _ in range(n)), [rational(displacement)]]))
         except ZeroDivisionError:
             raise PlantError(f"after its schedule the plant has no rest with {self.output!r} elsewhere, or more than one") from None
         state, held = tuple(fraction(found[i, 0]) for i in range(n)), fraction(found[n, 0])
@@ -226,7 +226,7 @@ class Transition:
             end = max(end, 2 * begin)
         if after is not None and plant.instants[after] <= end + (end - begin) / 2:
             end = plant.instants[after]
-        length = arb(_rational(end - begin))
+        length = arb(rational(end - begin))
         matrices, column = [_linear(which, plant.instants, after, begin) for which in (plant.A, [tuple((x,) for x in b) for b in plant.B])]
         # Series of Φ(0, t) until nothing is left of it at this precision.
         series, k = [self._state], 0
@@ -237,7 +237,7 @@ class Transition:
         g = [_convolved(series, column, k) for k in range(len(series))]
         rate = [coefficient * k for k, coefficient in enumerate(g)][1:]
         total = [self._sum, *(coefficient / (k + 1) for k, coefficient in enumerate(g))]
-        self._steps.append(Step(arb(_rational(begin)), g, rate, total))
+        self._steps.append(Step(arb(rational(begin)), g, rate, total))
         self._end = end
         self._ends.append(float(end))
         self._tables.append(tuple(_doubles(which) for which in (g, rate, total)))  # type: ignore[arg-type]
@@ -314,7 +314,7 @@ def _linear(which: Sequence[Matrix], instants: Sequence[Fraction], after: int | 
 
 
 def _long(matrix: Sequence[Sequence[Fraction]]) -> arb_mat:
-    return arb_mat([[arb(_rational(x)) for x in row] for row in matrix])
+    return arb_mat([[arb(rational(x)) for x in row] for row in matrix])
 
 
 def _convolved(series: Sequence[arb_mat], linear: tuple[arb_mat, arb_mat], k: int) -> arb_mat:
@@ -348,7 +348,3 @@ def _bisected(function: Callable[[Reals], Reals], low: Reals, high: Reals) -> Re
         above = (function(middle) > 0.0) == rising
         low, high = np.where(above, low, middle), np.where(above, middle, high)
     return (low + high) / 2
-
-
-def _rational(value: Fraction) -> fmpq:
-    return fmpq(value.numerator, value.denominator)

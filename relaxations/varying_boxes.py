@@ -18,7 +18,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from flint import fmpq, fmpq_mat
+from flint import fmpq_mat
 from numpy.typing import NDArray
 
 from relaxations import certificates
@@ -27,7 +27,7 @@ from relaxations.commands import Command, Segment, Tail
 from relaxations.errors import ManeuverError, SolverError
 from relaxations.maneuvers import Maneuver, Problem
 from relaxations.nearest import Nearest, nearest
-from relaxations.plants import fraction
+from relaxations.plants import fraction, rational
 from relaxations.repair import pivots
 from relaxations.robust.boxes import Axis, Place
 from relaxations.sides import Proof, Side, accepted, concluded
@@ -345,7 +345,7 @@ def _exactly(search: Search, look: Look) -> tuple[Fraction, list[Fraction], list
             for row, a in zip(columns, aim, strict=True)
         ]
         try:
-            solved = fmpq_mat([[_rational(row[k]) for k in free] for row in columns]).solve(fmpq_mat([[_rational(x)] for x in held]))
+            solved = fmpq_mat([[rational(row[k]) for k in free] for row in columns]).solve(fmpq_mat([[rational(x)] for x in held]))
         except ZeroDivisionError:
             return None
         for i, k in enumerate(free):
@@ -370,7 +370,3 @@ def _chain(
         power, drift = ([sum((x * y for x, y in zip(row, which, strict=True)), Fraction(0)) for row in A] for which in (power, drift))
         aim = [x + y * end**k / math.factorial(k) for x, y in zip(aim, drift, strict=True)]
     return columns, aim
-
-
-def _rational(value: Fraction) -> fmpq:
-    return fmpq(value.numerator, value.denominator)

@@ -23,9 +23,7 @@ from relaxations.robust.moved import axis, moved, nominal
 from reports.files import write_atomically
 from suite.cancelled import request_of
 from suite.errors import SuiteError
-from suite.loading import load_study
-from suite.plants import nominal_plant
-from suite.prefilters import Asked, asking
+from suite.prefilters import Asked, requested
 from suite.study import Study
 
 MOST_VALUES = 1000
@@ -97,17 +95,14 @@ def parsed(text: str) -> Range:
 
 def swept(file: Path, asked: Asked, over: Range) -> PrefilterSweep:
     """The filters over a range; raises `SuiteError` for a parameter that the plant does not have."""
-    study = asking(load_study(file), asked)
-    plant = nominal_plant(study)
-    assert study.command.cancelling is not None
-    request = request_of(study, study.command.cancelling, plant)
-    if asked.unbounded:
-        request = replace(request, bounds=replace(request.bounds, levels=None, length=None))
+    study, plant, request = requested(file, asked)
     if match := DELAY.fullmatch(over.name):
         place = int(match[1])
         given = request.instants or ((0.0,) if request.delays == 1 else None)
-        if given is None or place > len(given):
-            raise SuiteError(f"--sweep {over.name}: the other delays are given by --instants, and this one is among them")
+        if place > request.delays:
+            raise SuiteError(f"--sweep {over.name}: the filter has {request.delays} delay(s)")
+        if given is None:
+            raise SuiteError(f"--sweep {over.name}: where its other delays are, --instants has to say")
         return PrefilterSweep(study, request, over, sweep(lambda value: _delayed(plant, request, given, place, value), over.values))
     try:
         usual = nominal(plant, over.name)
@@ -115,6 +110,7 @@ def swept(file: Path, asked: Asked, over: Range) -> PrefilterSweep:
     except (RelaxationsError, KeyError) as problem:
         raise SuiteError(f"--sweep {over.name}: {problem}; or delay[k]") from None
     chosen = study.command.cancelling
+    assert chosen is not None
     return PrefilterSweep(study, request, over, sweep(lambda value: _moved(study, plant, request, chosen, over.name, value), over.values))
 
 

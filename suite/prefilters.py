@@ -107,12 +107,7 @@ class Designed:
 
 def designed(file: Path, asked: Asked) -> Designed:
     """The filter for a study's plant; raises `SuiteError`, and `ImpossibleShaperError` where none was found."""
-    study = asking(load_study(file), asked)
-    plant = nominal_plant(study)
-    assert study.command.cancelling is not None
-    request = request_of(study, study.command.cancelling, plant)
-    if asked.unbounded:
-        request = replace(request, bounds=replace(request.bounds, levels=None, length=None))
+    study, plant, request = requested(file, asked)
     try:
         prefilter = cancelling(plant, request)
     except ImpossibleShaperError:
@@ -124,6 +119,17 @@ def designed(file: Path, asked: Asked) -> Designed:
     bound = minimum_time(pose(study, plant))
     lasting, zeros = tail_length(prefilter, SETTLED), zero_sensitivities(plant, prefilter)
     return Designed(study, plant, request, prefilter, bound, residual(conditions, prefilter), lasting, zeros, least)
+
+
+def requested(file: Path, asked: Asked) -> tuple[Study, LinearPlant, Request]:
+    """The study, its nominal plant, and what is asked of a filter for it; raises `SuiteError`."""
+    study = asking(load_study(file), asked)
+    plant = nominal_plant(study)
+    assert study.command.cancelling is not None
+    request = request_of(study, study.command.cancelling, plant)
+    if asked.unbounded:
+        request = replace(request, bounds=replace(request.bounds, levels=None, length=None))
+    return study, plant, request
 
 
 def asking(study: Study, asked: Asked) -> Study:

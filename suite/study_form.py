@@ -30,36 +30,32 @@ def form_mistakes(study: schema.Written) -> Iterator[Mistake]:
         return
     key = "command.type" if command.type is not None else "command.kind"
     why = f"contradicts {key}: the form is held from rest to state rest of one plant, at any instants"
-    if command.tail:
-        yield Mistake("command.tail", True, why)
-    if command.robustness == "box":
-        yield Mistake("command.robustness", "box", f"{why}; valid are further zeros, 0, 1, 2 …")
-    if study.maneuver is not None and study.maneuver.initial_state is not None:
-        yield Mistake("maneuver.initial_state", ABSENT, why)
-    if study.plant is not None and study.plant.schedule is not None:
-        yield Mistake("plant.schedule", ABSENT, why)
-    for name in ("sample_time", "rate", "deflection") if limits is not None else ():
-        if (value := getattr(limits, name)) is not None:
-            yield Mistake(f"limits.{name}", ABSENT if name == "deflection" else value, why)
+    yield from _beside_rest(study, ("sample_time", "rate", "deflection"), why)
 
 
 def price_mistakes(study: schema.Written) -> Iterator[Mistake]:
     """Mistakes between a price of fuel and other keys."""
-    command, limits = study.command, study.limits
+    command = study.command
     if command is None or not command.alpha:
         return
     why = "contradicts command.alpha: fuel is weighed against the time of moves from rest to state rest, within limits of the input alone"
     if profile(command) == 1:
         key, value = ("command.type", 1) if command.type == 1 else ("command.kind", command.kind)
         yield Mistake(key, value, "contradicts command.alpha: fuel is weighed against the time of commands of any form")
-    if command.tail:
+    yield from _beside_rest(study, ("fuel", "rate", "deflection", "sample_time", "pulse_width", "pulses"), why)
+
+
+def _beside_rest(study: schema.Written, limited: tuple[str, ...], why: str) -> Iterator[Mistake]:
+    """What does not go with moves of one plant from rest to state rest, and these limits."""
+    command, limits = study.command, study.limits
+    if command is not None and command.tail:
         yield Mistake("command.tail", True, why)
-    if command.robustness == "box":
+    if command is not None and command.robustness == "box":
         yield Mistake("command.robustness", "box", f"{why}; valid are further zeros, 0, 1, 2 …")
     if study.maneuver is not None and study.maneuver.initial_state is not None:
         yield Mistake("maneuver.initial_state", ABSENT, why)
     if study.plant is not None and study.plant.schedule is not None:
         yield Mistake("plant.schedule", ABSENT, why)
-    for name in ("fuel", "rate", "deflection", "sample_time", "pulse_width", "pulses") if limits is not None else ():
+    for name in limited if limits is not None else ():
         if (value := getattr(limits, name)) is not None:
             yield Mistake(f"limits.{name}", ABSENT if name == "deflection" else value, why)

@@ -13,10 +13,10 @@ from problems import KNOWN, Known, chain, two_mass
 from random_plants import random_task
 
 from relaxations.conditioning import framed
-from relaxations.digits import equations, rational
+from relaxations.digits import equations
 from relaxations.frames import doubles, nodes, series
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
-from relaxations.plants import LinearPlant, exact, precision
+from relaxations.plants import LinearPlant, exact, precision, rational
 
 UNIT = Limits.of(-1, 1)
 TAIL = LinearPlant.from_zeros_poles([-1, -1, (-2, 3), (-2, -3)], [0, 0, -3, (-1, 2), (-1, -2), (-1, 2), (-1, -2), -5], 2)

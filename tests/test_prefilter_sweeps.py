@@ -103,6 +103,7 @@ def test_what_is_refused_in_a_sweep_stands_at_its_value() -> None:
         (("--delays", 1, "--sweep", "zero[7]=1:2:3"), "zero[7]"),
         (("--delays", 1, "--sweep", "mass=1:2:3"), "names no root"),
         (("--delays", 2, "--sweep", "delay[1]=1:2:3"), "--instants"),
+        (("--delays", 2, "--sweep", "delay[3]=1:2:3"), "has 2 delay(s)"),
         (("--delays", 1, "--csv", "t.csv"), "--sweep"),
         (("--delays", 1, "--sweep", "zero[1]=1:2:3", "--compare"), "two questions"),
         (("--delays", 1, "--sweep", "zero[1]=1:2:3", "--save", "f.json"), "--save"),

@@ -96,8 +96,8 @@ def integer_time(displacement: int, width: int, step: Fraction) -> int:
             np.concatenate([np.ones(count), -np.ones(count), np.zeros(2 * count)]),
             np.concatenate([weights, -weights, np.zeros(2 * count)]),
         ]
-        both_met = np.array([0.0, displacement])
-        constraints = [LinearConstraint(np.array(rows), both_met, both_met)]  # pyright: ignore[reportArgumentType]
+        met: Any = np.array([0.0, displacement])
+        constraints = [LinearConstraint(np.array(rows), met, met)]
         both = np.hstack([np.eye(count), np.eye(count), np.zeros((count, 2 * count))])
         constraints.append(LinearConstraint(both, -np.inf, 1.0))
         for side in range(2):
@@ -189,10 +189,11 @@ def test_lines_of_an_envelope() -> None:
 
 
 def test_order_and_width_tighten_a_box() -> None:
-    box = pulses.tight(pulses.whole(2, fmpq(5), SimpleNamespace(lower=fmpq(-1), upper=fmpq(1))), fmpq(1))  # type: ignore[arg-type]
+    limited: Any = SimpleNamespace(lower=fmpq(-1), upper=fmpq(1))
+    box = pulses.tight(pulses.whole(2, fmpq(5), limited), fmpq(1))
     assert box is not None
     assert [(one.begin, one.end) for one in box] == [((0, 3), (1, 4)), ((1, 4), (2, 5))]
-    assert pulses.tight(pulses.whole(6, fmpq(5), SimpleNamespace(lower=fmpq(-1), upper=fmpq(1))), fmpq(1)) is None  # type: ignore[arg-type]
+    assert pulses.tight(pulses.whole(6, fmpq(5), limited), fmpq(1)) is None
 
 
 def _node(data: Any, what: str) -> Any:

@@ -7,7 +7,7 @@ maximum principle |F| is largest on its boundary: to keep a tolerance on the edg
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -140,30 +140,32 @@ def sampled_demands(bands: Sequence[Band]) -> list[Demand]:
 def exceeded(times: Reals, amplitudes: Reals, bands: Sequence[Band], factor: float) -> list[Demand]:
     """Where on the edges the residual has a local maximum above `factor` times the tolerance."""
     found: dict[Demand, None] = {}
-    for number, band in enumerate(bands):
-        for edge in band.edges:
-            places, course = edge.course(times, amplitudes, edge.looks(float(np.ptp(times))))
-            for i in peaks(course):
-                if course[i] > factor * band.tolerance:
-                    demand = edge.demand(vertex(places, course, int(i)), band.tolerance * (1.0 - INSIDE), number)
-                    found[replace(demand, inner="")] = None
+    for number, edge, places, course, i in _maxima(times, amplitudes, bands, factor):
+        found[_kept(edge, vertex(places, course, i), bands, number)] = None
     return list(found)
 
 
 def exceeded_closely(times: Reals, amplitudes: Reals, bands: Sequence[Band]) -> list[Demand]:
     """The same at the tolerance itself, with a closer look about every maximum that is near it: between places it may be higher."""
     found: dict[Demand, None] = {}
+    for number, edge, places, _, i in _maxima(times, amplitudes, bands, NEAR):
+        around = replace(edge, low=float(places[max(i - 1, 0)]), high=float(places[min(i + 1, len(places) - 1)]))
+        closely, heights = around.course(times, amplitudes, CLOSER)
+        if heights.max() > bands[number].tolerance:
+            found[_kept(edge, float(closely[heights.argmax()]), bands, number)] = None
+    return list(found)
+
+
+def _maxima(times: Reals, amplitudes: Reals, bands: Sequence[Band], factor: float) -> Iterator[tuple[int, Edge, Reals, Reals, int]]:
+    """Local maxima above `factor` times the tolerance: number of the band, edge, places and residuals there, and which of them it is."""
     for number, band in enumerate(bands):
         for edge in band.edges:
             places, course = edge.course(times, amplitudes, edge.looks(float(np.ptp(times))))
-            for i in peaks(course):
-                if course[i] > NEAR * band.tolerance:
-                    around = replace(edge, low=float(places[max(i - 1, 0)]), high=float(places[min(i + 1, len(places) - 1)]))
-                    closely, heights = around.course(times, amplitudes, CLOSER)
-                    if heights.max() > band.tolerance:
-                        demand = edge.demand(float(closely[heights.argmax()]), band.tolerance * (1.0 - INSIDE), number)
-                        found[replace(demand, inner="")] = None
-    return list(found)
+            yield from ((number, edge, places, course, int(i)) for i in peaks(course) if course[i] > factor * band.tolerance)
+
+
+def _kept(edge: Edge, place: float, bands: Sequence[Band], number: int) -> Demand:
+    return replace(edge.demand(place, bands[number].tolerance * (1.0 - INSIDE), number), inner="")
 
 
 def touched(

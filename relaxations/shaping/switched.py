@@ -20,10 +20,9 @@ import numpy as np
 from flint import arb, fmpq
 
 from relaxations.bounds import Bound
-from relaxations.digits import rational
 from relaxations.errors import ShaperError, SolverError
 from relaxations.maneuvers import Limits, Maneuver, problem
-from relaxations.plants import exact, precision
+from relaxations.plants import exact, precision, rational
 from relaxations.proofs import extremal_bound, minimum_time
 from relaxations.refinement import Extremal
 from relaxations.shaping.amplitudes import decay_per_radian, left_in_half_a_period
