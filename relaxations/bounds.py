@@ -25,6 +25,7 @@ from relaxations.errors import ShortHorizonError, SolverError
 from relaxations.grids import grid
 from relaxations.maneuvers import Problem, TargetSet
 from relaxations.refinement import Extremal, Failure, refine
+from relaxations.rising import rise
 from relaxations.robust.residuals import MISSED
 from relaxations.tails import Contact, Looks, TailStart
 
@@ -364,13 +365,11 @@ def grid_minimum(
 
 
 def exponent_of(solution: programs.GridSolution) -> float:
-    """`d log α/d log T`, which the costate knows; 0 where α is known to too few digits."""
-    problem, costate = extended(solution.problem, solution.costate, solution.tail_multipliers)
-    end = float(costate @ problem.rows([solution.maneuver_time])[:, 0])
-    dead = float(np.clip(end, -solution.fuel, solution.fuel))
-    drift = float(solution.costate @ solution.problem.aim(np.array([solution.maneuver_time]))[1][:, 0])
-    steepest = solution.maneuver_time * (max(problem.upper * (end - dead), problem.lower * (end - dead)) - solution.fraction * drift)
-    return steepest / solution.fraction if solution.fraction > VISIBLE else 0.0
+    """`d log α/d log T`, which the multipliers know; 0 where α is known to too few digits."""
+    whole, fraction = extended(solution.problem, solution.costate, solution.tail_multipliers), solution.fraction
+    return (
+        solution.maneuver_time * rise(*whole, solution.prices, solution.maneuver_time, fraction) / fraction if fraction > VISIBLE else 0.0
+    )
 
 
 def ramped(problem: Problem, instants: Reals, values: Reals, tail: Reals) -> Command:

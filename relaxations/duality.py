@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations.maneuvers import Problem
+from relaxations.presses import over
 from relaxations.presses import sampled as sampled_costate
 from relaxations.prices import NONE, Prices
 from relaxations.ramps import bound as ramped
@@ -298,8 +299,7 @@ def slid(problem: Problem, costate: Reals, horizon: float, prices: Prices, most:
         return sampled_costate(bases, parts, prices.pressed, points)
 
     def whole(edges: Reals) -> Reals:
-        pressed = sum((press.over(edges) for press in prices.pressed), np.zeros(len(edges) - 1))
-        return np.concatenate([[0.0], np.diff(costate @ problem.rows(edges, 1)) - pressed])
+        return np.concatenate([[0.0], np.diff(costate @ problem.rows(edges, 1)) - over(prices.pressed, edges)])
 
     return replace(prices, ramps=slid_ramps(prices.ramps, p, whole, horizon, most))
 
@@ -338,7 +338,7 @@ def _sampled(problem: Problem, costate: Reals, near: float, price: float, prices
         return 0.0 if prices.steps or prices.pressed else lower_bound(free, costate, near, price, prices)
     edges = problem.samples(count)
     table = problem.rows(edges, 1)
-    pieces = costate @ np.diff(table, axis=1) - sum((press.over(edges) for press in prices.pressed), np.zeros(len(edges) - 1))
+    pieces = costate @ np.diff(table, axis=1) - over(prices.pressed, edges)
     q = np.zeros(len(edges))
     q[: len(prices.steps)] = prices.steps[: len(edges)]
     pieces -= np.diff(q)

@@ -21,6 +21,7 @@ Reals = NDArray[np.float64]
 
 PRICED = 1e-9  # of the largest multiplier of a course: smaller ones are what an interior-point method leaves anywhere
 REACH = 2.5  # cells between two prices of a limit that holds all the while
+CHUNK = 1_000_000  # responses that are looked at together
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)  # of a multiplier that is spread over a cell
 
 
@@ -38,14 +39,36 @@ class Press:
         to_go = self.begin + (self.end - self.begin) * (1.0 + NODES) / 2
         return self.weight * (self.course.free(horizons[:, None] - to_go) @ WEIGHTS) / 2
 
-    def over(self, edges: Reals) -> Reals:
-        """What it takes off the integrals of the costate's function over cells between `edges` of times to go."""
-        if self.end == self.begin:
-            reached = self.course.basis.rows(np.maximum(edges - self.begin, 0.0), 1)
-        else:
-            reached = self.course.basis.rows(np.maximum(edges - self.begin, 0.0), 2)
-            reached = (reached - self.course.basis.rows(np.maximum(edges - self.end, 0.0), 2)) / (self.end - self.begin)
-        return self.weight * np.diff(self.course.weights @ reached)
+
+def off(pressed: Sequence[Press], at: float) -> float:
+    """What multipliers take off the costate's function at a time to go [s]."""
+    return float(_taken(pressed, np.array([at]), 0)[0])
+
+
+def over(pressed: Sequence[Press], edges: Reals) -> Reals:
+    """What they take off its integrals over cells between `edges` of times to go."""
+    return np.diff(_taken(pressed, edges, 1))
+
+
+def _taken(pressed: Sequence[Press], points: Reals, integrals: int) -> Reals:
+    """What they take off the costate's function, or its `integrals` from 0, at times to go [s]: the plants' responses, course by course."""
+    total, of_course = np.zeros(len(points)), dict[int, list[Press]]()
+    for press in pressed:
+        of_course.setdefault(id(press.course), []).append(press)
+    for own in of_course.values():
+        course, begins, ends, weights = own[0].course, *(np.array(x) for x in zip(*((p.begin, p.end, p.weight) for p in own), strict=True))
+        widths = ends - begins
+        for chosen, more in ((widths == 0.0, 0), (widths > 0.0, 1)):
+            if not chosen.any():
+                continue
+            scaled = weights[chosen] / (widths[chosen] if more else 1.0)
+            for edge, sign in ((begins, 1.0), (ends, -1.0))[: 1 + more]:
+                count = len(scaled) * len(points) // CHUNK + 1
+                for at, weight in zip(np.array_split(edge[chosen], count), np.array_split(sign * scaled, count), strict=True):
+                    since = points - at[:, None]
+                    reached = course.weights @ course.basis.rows(np.maximum(since, 0.0).ravel(), integrals + more)
+                    total += weight @ np.where(since > 0.0, reached.reshape(since.shape), 0.0)
+    return total
 
 
 def presses(courses: Sequence[Course], places: Reals, multipliers: Reals, instants: Reals, spread: bool) -> tuple[Press, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relaxations import posing, programs
-from relaxations.bounds import NOISE, Settings, exceeded, exponent_of, first_looks, grid_minimum, instants
+from relaxations.bounds import Settings, exceeded, exponent_of, first_looks, grid_minimum, instants
 from relaxations.courses import moved
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem, problem
@@ -90,7 +90,6 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
     low, high, below = 0.0, math.inf, None
     solution: GridSolution | None = None
     tolerance = max(settings.tolerance, TOLERANCE)
-    last: GridSolution | None = None  # with the same conditions
     stalls = 0
     for _ in range(ROUNDS):
         count += 1
@@ -108,7 +107,7 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
             high = min(high, horizon)
         close = 1.0 <= solution.fraction <= 1.0 + tolerance and solution.reaches
         if over := exceeded(posed, solution):
-            looks, high, last = looks | over, math.inf, None  # with more conditions a time may be too short that was not before
+            looks, high = looks | over, math.inf  # with more conditions a time may be too short that was not before
         elif abs(math.log(max(solution.fraction, 1e-300))) <= 100 * tolerance:
             worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 + EXCESS)
             more = _with_samples(posed, [*_samples(posed), *worst])
@@ -116,8 +115,8 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
                 if close:
                     break
             else:
-                posed, looks, high, last = more, looks | _looks_of(posed, more), math.inf, None
-        horizon, last = _following(solution, last, tolerance, low, high), solution
+                posed, looks, high = more, looks | _looks_of(posed, more), math.inf
+        horizon = _following(solution, tolerance, low, high)
     assert solution is not None
     return Sampled(posed, looks, solution, below, count)
 
@@ -163,14 +162,9 @@ def keeps(posed: Problem, fixed: Repaired) -> bool:
     return not worst_places(posed, np.append(fixed.starts, fixed.maneuver_time), levels, 1.0 - SEEN)
 
 
-def _following(solution: GridSolution, last: GridSolution | None, tolerance: float, low: float, high: float) -> float:
-    """The next time to try: a hair beyond the root that the slope points at, of the costate or, where slopes of the input are limited and
-    have their part in it, of the solution before."""
-    time, off = solution.maneuver_time, -math.log(max(solution.fraction, 1e-300))
-    exponent = exponent_of(solution)
-    if last is not None and solution.problem.sloped and abs(math.log(time / last.maneuver_time)) > NOISE:
-        seen = math.log(max(solution.fraction, 1e-300) / max(last.fraction, 1e-300)) / math.log(time / last.maneuver_time)
-        exponent = seen if seen > 0.0 else exponent
+def _following(solution: GridSolution, tolerance: float, low: float, high: float) -> float:
+    """The next time to try: a hair beyond the root that the slope points at."""
+    time, off, exponent = solution.maneuver_time, -math.log(max(solution.fraction, 1e-300)), exponent_of(solution)
     ratio = math.exp(min(max((math.log1p(tolerance / 2) + off) / exponent, -1.0), 1.0)) if exponent > 1e-6 else (1.5 if off > 0 else 0.75)
     following = time * ratio
     if low < following < high:
