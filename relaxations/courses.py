@@ -78,7 +78,7 @@ class Course:
             inputs = self.basis.rows(widths, 1) * values[:-1] + self.basis.rows(widths, 2) * slopes
         else:
             inputs = self.basis.rows(widths, 1) * np.repeat(levels, FINE)
-        moves = np.array([self.basis.free(unit, widths) for unit in np.eye(n)]).transpose(2, 1, 0)  # (cells, n, n)
+        moves = self.basis.moves(widths).transpose(2, 0, 1)  # (cells, n, n)
         moments = np.zeros((len(times), n))
         moments[0] = self.begin
         for k, (move, added) in enumerate(zip(moves, inputs.T, strict=True)):
@@ -163,7 +163,7 @@ def motion(courses: Sequence[Course], instants: Reals, extra: Reals, ramps: bool
             mine = mine[(times > instants[first]) & (times <= instants[last] if last < cells else times > instants[first])]
             times = np.append(horizon * places[mine, 1], instants[last])
             reached = _reached(basis, instants[at], times, ramps)  # (n, times, nodes or cells)
-            before = np.array([basis.free(one, times - instants[first]) for one in np.eye(n)])  # (n of the past, n, times)
+            before = basis.moves(times - instants[first])  # (n, n of the past, times)
             weights = np.array([courses[int(places[i, 0])].weights / courses[int(places[i, 0])].limit for i in mine]).reshape(-1, n)
             columns = at - 1 if ramps else at[:-1]
             known = columns >= 0  # the first node's value is 0
@@ -171,8 +171,8 @@ def motion(courses: Sequence[Course], instants: Reals, extra: Reals, ramps: bool
             flow.add(rows + np.arange(n), columns[known], reached[:, -1][:, known] / unit[:, None])
             past.add(rows + np.arange(n), begun + np.arange(n), -np.eye(n))
             if block:
-                states.add(mine, begun - n + np.arange(n), np.einsum("kn,pnk,p->kp", weights, before[:, :, :-1], unit))
-                past.add(rows + np.arange(n), begun - n + np.arange(n), (before[:, :, -1] * unit[:, None]).T / unit[:, None])
+                states.add(mine, begun - n + np.arange(n), np.einsum("kn,npk,p->kp", weights, before[:, :, :-1], unit))
+                past.add(rows + np.arange(n), begun - n + np.arange(n), before[:, :, -1] * unit / unit[:, None])
             begun, rows = begun + n, rows + n
     finals, free = np.zeros(len(places)), np.zeros(len(places))
     for number, course in enumerate(courses):

@@ -110,17 +110,24 @@ class Basis:
                     stacked.append(row.imag)
         return np.array(stacked)
 
-    def free(self, state: Reals, since: Reals) -> Reals:
-        """What moments `state` (n,) become after `since` ≥ 0 [s] without input: `Σ_l M_l s^(k-l)/(k-l)! e^{ps}`. Shape (n, len(since))."""
-        rows, at = [], 0
+    def moves(self, since: Reals) -> Reals:
+        """What unit moments become after `since` ≥ 0 [s] without input, `s^(k-l)/(k-l)! e^{ps}` of M_l in M_k: shape (n, n, len(since))."""
+        found, at = np.zeros((self.size, self.size, len(since))), 0
         for pole in self.poles:
             width = 2 if pole.is_flexible else 1
-            block = state[at : at + width * pole.multiplicity].reshape(pole.multiplicity, width)
+            for shift in range(pole.multiplicity):
+                chain = _chain(pole.value, shift, 0, since)
+                for k in range(shift, pole.multiplicity):
+                    i, j = at + width * k, at + width * (k - shift)
+                    found[i, j] = chain.real
+                    if width == 2:
+                        found[i + 1, j], found[i, j + 1], found[i + 1, j + 1] = chain.imag, -chain.imag, chain.real
             at += width * pole.multiplicity
-            chain = block[:, 0] + (1j * block[:, 1] if width == 2 else 0.0)
-            moves = [_chain(pole.value, k, 0, since) for k in range(pole.multiplicity)]
-            rows += [sum(chain[j] * moves[k - j] for j in range(k + 1)) + 0j for k in range(pole.multiplicity)]
-        return self.real(iter(rows))
+        return found
+
+    def free(self, state: Reals, since: Reals) -> Reals:
+        """What moments `state` (n,) become after `since` ≥ 0 [s] without input: shape (n, len(since))."""
+        return np.einsum("ijs,j->is", self.moves(since), state)
 
     def weights(self, partial: Partial) -> Reals:
         """The row w with `y = w M + D u` for an output in partial fractions over the same poles. Shape (n,)."""

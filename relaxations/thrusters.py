@@ -79,7 +79,7 @@ def pulsed_commands(problem: Problem, least: float, free: Command | None = None)
         found += [one for one in (searched(problem, watch, levels, durations),) if one is not None]
     slow = problem.residuals is not None
     for levels in _patterns(problem):
-        if slow and found and min(one.maneuver_time for one in found) <= least * (1.0 + NEAR):
+        if found and min(one.maneuver_time for one in found) <= least * (1.0 + (NEAR if slow else 0.0)):
             break
         for stretch in STRETCHED[: 1 if slow else None]:
             begin = _shares(problem, levels, max(least, _shortest(problem, levels)) * stretch)

@@ -54,7 +54,7 @@ def pulsed_time(problem: Problem, task: dict[str, Any], minimum: Callable[[Probl
     trees = Refutation(problem, task, lambda levels, durations, best: searched(problem, watch, levels, durations, best))
     for _ in range(ROUNDS):
         proof = _shortest(problem, task, found, proof)
-        side, better = trees.closest(proof.lower, float(proof.upper.claim) if proof.upper else None)
+        side, better = trees.closest(proof.lower, _seen_by_trees(problem, proof))
         proof = replace(proof, lower=side)
         if better is None:
             break
@@ -63,6 +63,15 @@ def pulsed_time(problem: Problem, task: dict[str, Any], minimum: Callable[[Probl
         return sampled(concluded(task, proof, first, 0.0), problem)
     why = f"no command with such pulses was found; {DEGENERATE}" if first.upper is not None else first.reason
     return concluded(task, proof, replace(first, upper=None, command=None, switches=None, reason=why), 0.0)
+
+
+def _seen_by_trees(problem: Problem, proof: Proof) -> float | None:
+    """The time [s] of the shortest command that is known of what trees look at, which are moments and fuel: without limits of outputs."""
+    above = float(proof.upper.claim) if proof.upper else None
+    if not problem.courses or above is None:
+        return above
+    known = pulsed_commands(replace(problem, courses=()), float(proof.lower.claim)) if proof.lower else []
+    return min([above, *(one.maneuver_time for one in known)])
 
 
 def _shortest(problem: Problem, task: dict[str, Any], found: Sequence[Pulsed], proof: Proof) -> Proof:

@@ -114,12 +114,11 @@ def _gone(posed: Problem, course: Course, times: Reals, levels: Reals, durations
             kicks[k] = np.where(on, -(row @ moving) * jumps, 0.0)
     else:
         jumps = np.append(levels, final) - np.append(0.0, levels)
-        value = course.free(times)
-        for k, t in enumerate(times):
-            on = instants < t
-            since = np.where(on, t - instants, 0.0)
-            value[k] += (course.weights @ course.basis.rows(since, 1) * jumps)[on].sum()
-            kicks[k] = np.where(on, -(course.weights @ course.basis.rows(since)) * jumps, 0.0)
+        since = times[:, None] - instants
+        on, flat = since > 0.0, np.maximum(since, 0.0).ravel()
+        reached, moving = ((course.weights @ course.basis.rows(flat, k)).reshape(since.shape) for k in (1, 0))
+        value = course.free(times) + np.where(on, reached * jumps, 0.0).sum(axis=1)
+        kicks = np.where(on, -moving * jumps, 0.0)
     later = np.cumsum(kicks[:, ::-1], axis=1)[:, ::-1]
     return value, later[:, 1:]
 

@@ -71,8 +71,7 @@ class Sample:
 
     def rows(self, since: Reals) -> Reals:
         """The output about its final value at `since` [s] after the command, for each unit moment about the rest: (len(since), n)."""
-        units = [self.weights @ self.basis.free(unit, since) for unit in np.eye(self.basis.size)]
-        return np.array(units).T if units else np.zeros((len(since), 0))
+        return np.einsum("i,ijs->sj", self.weights, self.basis.moves(since))
 
     def table(self, instants: Reals, ramps: bool = False) -> Reals:
         """The moments at the end of the grid of a unit level in each cell, or of a unit value at each node but the first: (n, cells)."""
