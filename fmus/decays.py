@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import decimate
 
 from fmus.errors import DecayError
 from fmus.identification import Record, realize
@@ -155,6 +154,8 @@ def _even(t: Reals, y: Reals) -> tuple[float, Reals]:
     even = np.interp(at, t, y)
     factor = len(even) // REALIZED
     if factor > 1:
+        from scipy.signal import decimate  # here: it takes long to load, and few have a measured decay
+
         even = decimate(even - even[-1], factor, ftype="fir") + even[-1]
     return float(t[-1] / (len(t) - 1)) * max(factor, 1), np.asarray(even, dtype=float)
 

@@ -8,7 +8,6 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from relaxations.commands import Command
 from relaxations.transitions import VaryingPlant
@@ -33,6 +32,8 @@ def varying_response(
     Runge and Kutta's method of order 8, begun anew wherever the input jumps or the schedule has an instant.
     """
     instants = np.array([float(t) for t in plant.instants])
+    from scipy.integrate import solve_ivp  # here: few plants vary, and it takes longer to load than a bound takes
+
     A, B, C, D = (np.array(which, dtype=float) for which in (plant.A, plant.B, plant.C, plant.D))
 
     def at(table: Reals, t: float) -> Reals:

@@ -8,20 +8,21 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from reports.errors import RecordError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Stand-ins for the page's colours: matplotlib wants numbers, the page wants variables.
 _INK, _FAINT, _LINE, _SECOND, _LIMIT, _BAD, _UNSURE = "#010101", "#020202", "#030303", "#040404", "#050505", "#060606", "#070707"
@@ -69,7 +70,7 @@ _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions o
 _WIDTH = 7.6  # inches; the page scales it
 
 Float64 = NDArray[np.float64]
-Fill = Callable[[Figure, list[Axes]], object]
+Fill = Callable[["Figure", list["Axes"]], object]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +107,7 @@ def command_and_response(
     reference = None if linear is None else _arrays(times=times, linear=linear)[1]
     if not displacement > 0.0:
         raise RecordError(f"displacement must be positive, is {displacement!r}")
-    with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=(_WIDTH, 6.4), layout="constrained")
+    with _figure(name, (_WIDTH, 6.4)) as figure:
         above, middle, below = figure.subplots(3, 1, height_ratios=(2, 3, 2))
         middle.sharex(above)
         moving = t <= end + 0.35 * max(end - start, 1e-12)
@@ -162,8 +162,7 @@ def sweep(
         raise RecordError(f"{x.size} values but {judged.size} verdicts")
     order = np.argsort(x, kind="stable")
     x, y, judged = x[order], y[order], judged[order]
-    with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=(_WIDTH, 3.4), layout="constrained")
+    with _figure(name, (_WIDTH, 3.4)) as figure:
         axes = figure.subplots()
         axes.plot(x, y, color=_LINE, linewidth=1.0)
         if errors is not None:
@@ -198,8 +197,7 @@ def sensitivity(
 ) -> str:
     """Sensitivity curves: residual vibration against a mode's true frequency, one named curve a command; limits hold within `band`."""
     (x,) = _arrays(factors=factors)
-    with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=(_WIDTH, 3.4), layout="constrained")
+    with _figure(name, (_WIDTH, 3.4)) as figure:
         axes = figure.subplots()
         styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)), (0, (9, 3))), (_LINE, _SECOND, _INK, _INK, _INK)
         for number, (label, curve) in enumerate(curves.items()):
@@ -230,8 +228,7 @@ def responses(
 
     `end` [s] is when the longest move ends, `displacement` = |Δ| > 0 in the output's unit.
     """
-    with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=(_WIDTH, 6.8), layout="constrained")
+    with _figure(name, (_WIDTH, 6.8)) as figure:
         above, middle, below = figure.subplots(3, 1, sharex=True, height_ratios=(2, 3, 3))
         middle.axhline(target, color=_LIMIT, linewidth=1.0, linestyle=(0, (4, 3)))
         for number, (label, (times, command, output)) in enumerate(curves.items()):
@@ -254,8 +251,7 @@ def responses(
 
 def sweeps(name: str, curves: Mapping[str, tuple[ArrayLike, ArrayLike]], *, parameter_label: str, quantity_label: str) -> str:
     """A quantity over a parameter, one named curve a command, on a logarithmic axis; a curve is values and results."""
-    with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=(_WIDTH, 3.6), layout="constrained")
+    with _figure(name, (_WIDTH, 3.6)) as figure:
         axes = figure.subplots()
         for number, (label, (values, results)) in enumerate(curves.items()):
             x, y = _arrays(values=values, results=results)
@@ -275,8 +271,7 @@ def _look(number: int) -> dict[str, Any]:
 def costs(name: str, sizes: ArrayLike, curves: Mapping[str, ArrayLike], *, size_label: str, cost_label: str = "time [s]") -> str:
     """What something costs against its size, one named curve a part of it, on logarithmic axes; `sizes` (n,) and costs are positive."""
     (x,) = _arrays(sizes=sizes)
-    with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=(_WIDTH, 3.4), layout="constrained")
+    with _figure(name, (_WIDTH, 3.4)) as figure:
         axes = figure.subplots()
         for number, (label, curve) in enumerate(curves.items()):
             y = _arrays(sizes=sizes, curve=curve)[1]
@@ -306,8 +301,7 @@ def shaping(
     `factors` (n,) and a curve (n,) a mode; `times` (m,) [s], the shaped step `command` (m,) and a response (m,) a mode. `ranges`, by the
     curve's name: what it is a range of, and the least and the largest residual (n,) over it.
     """
-    with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
+    with _figure(name, (_WIDTH, 5.6)) as figure:
         above, below = figure.subplots(2, 1)
         styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2))), (_LINE, _SECOND, _INK)
         for number, (label, curve) in enumerate(curves.items()):
@@ -344,8 +338,7 @@ def panels(name: str, count: int, height: float, fill: Fill, *, stacked: Sequenc
 
 def grid(name: str, rows: int, columns: int, size: tuple[float, float], fill: Fill, **arrangement: Any) -> str:
     """A chart of `rows` times `columns` panels, of this size [inches]; `fill` draws into them. `arrangement` is that of matplotlib."""
-    with mpl.rc_context(_rc(name)):
-        figure = Figure(figsize=size, layout="constrained")
+    with _figure(name, size) as figure:
         axes = list(figure.subplots(rows, columns, squeeze=False, **arrangement).flat)
         fill(figure, axes)
         return _svg(figure, name)
@@ -366,8 +359,14 @@ def _arrays(**given: ArrayLike) -> list[Float64]:
     return list(arrays.values())
 
 
-def _rc(name: str) -> dict[Any, Any]:
-    return _STYLE | {"svg.hashsalt": name}
+@contextmanager
+def _figure(name: str, size: tuple[float, float]) -> Iterator[Figure]:
+    """An empty figure of this size [inches], in our style for as long as it is drawn."""
+    import matplotlib as mpl  # here: a bound, which draws nothing, would take twice as long
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(_STYLE | {"svg.hashsalt": name}):
+        yield Figure(figsize=size, layout="constrained")
 
 
 def _tidy_offsets(*all_axes: Axes) -> None:
@@ -377,6 +376,8 @@ def _tidy_offsets(*all_axes: Axes) -> None:
 
 
 def _svg(figure: Figure, name: str) -> str:
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     out = io.StringIO()
     FigureCanvasSVG(figure).print_svg(out, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     svg = out.getvalue()

@@ -17,13 +17,12 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 from fmus.markup import one_line
-from suite.campaign import RunResult
 from suite.command import harmless
-from suite.evidence import number
 from suite.inspecting import summary, terminal_lines, variable_rows
+from suite.progress import Progress
+from suite.rounding import number
 from suite.shaper_text import study_lines
 from suite.table_text import BRACKET, bracket_cells
-from suite.verification import Progress, Verification
 
 if TYPE_CHECKING:
     from fmus.catalogue import Entry
@@ -31,10 +30,12 @@ if TYPE_CHECKING:
     from relaxations.commands import Command, Tail
     from relaxations.modes import Mode
     from relaxations.plants import Pole
+    from suite.campaign import RunResult
     from suite.collection import Bracketed
     from suite.linear import Linear
     from suite.review import Review
     from suite.simulation import Simulated
+    from suite.verification import Verification
 
 STYLES = {"pass": "bold green", "fail": "bold red", "undecided": "bold yellow", "error": "bold magenta"}
 MOST_VARIABLES = 100  # rows of a table on a terminal; FMUs have up to 100,000

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import math
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -25,6 +24,7 @@ from suite.design import Design, least_fuel_words
 from suite.observations import INPUT, observe
 from suite.quantities import Observation
 from suite.quantity_names import UnitKind
+from suite.rounding import number
 from suite.shaped import Shaped
 from suite.shaper_files import chart
 from suite.study import Requirement, Study
@@ -46,11 +46,6 @@ TRUST_BASE = (
     "For the runs: the FMU's own binary and its solver, run in a process of its own.",
     "For the verdicts: the numerical error that a finer run shows; NumPy, and the quantities' definitions, which review applies again.",
 )
-
-
-def number(value: float | None) -> float | None:
-    """A number for JSON: null where it does not exist or is infinite."""
-    return value if value is not None and math.isfinite(value) else None
 
 
 def collect(study: Study, design: Design, judgements: Sequence[Judgement], runs: Sequence[RunResult], verdict: Verdict) -> dict[str, Any]:

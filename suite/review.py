@@ -21,10 +21,11 @@ from reports.errors import LogError, ManifestError, RecordError
 from reports.records import RunLog
 from suite.campaign import RUNS, run_verdict
 from suite.errors import SuiteError
-from suite.evidence import RESULTS, number, settings
+from suite.evidence import RESULTS, settings
 from suite.observations import COMMAND_FILE, measured_in, observe, requirements_in
 from suite.quantities import evaluate
 from suite.quantity_names import Quantity, parse_quantity
+from suite.rounding import number
 from suite.study import GRID, Requirement, Simulation, Uncertainty
 from suite.study_file import parse
 from suite.study_units import convert_units

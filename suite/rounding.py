@@ -1,7 +1,8 @@
-"""Decimals of a bound that remain a bound."""
+"""Decimals of a bound that remain a bound, and numbers that JSON has."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
@@ -22,3 +23,8 @@ def outward(value: float | None, rounding: str) -> str:
     if decimals > LONGEST:
         return f"{Context(prec=13, rounding=rounding).plus(exact):.12e}"
     return f"{exact.quantize(Decimal(1).scaleb(-decimals), rounding):f}"
+
+
+def number(value: float | None) -> float | None:
+    """A number for JSON: null where it does not exist or is infinite."""
+    return value if value is not None and math.isfinite(value) else None

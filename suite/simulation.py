@@ -23,11 +23,11 @@ from reports import files, logs
 from suite import schema
 from suite.campaign import measure, natural_step
 from suite.errors import Mistake, SuiteError
-from suite.evidence import number
 from suite.observations import Channel, Setting, Subject, observe, record, thinned, with_verdict
 from suite.plants import linear_plant
 from suite.quantities import Facts, window
 from suite.quantity_names import Quantity
+from suite.rounding import number
 from suite.sources import read_command
 from suite.study import FmuPlant, Plant
 from suite.study_plant import open_plant, understand_plant

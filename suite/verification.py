@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,21 +20,13 @@ from suite.errors import ABSENT, Mistake, StudyError
 from suite.folders import LEDGER, check, prepare
 from suite.ledger import Ledger
 from suite.observations import Channel, Subject
+from suite.progress import Progress
 from suite.study import FmuPlant, Study
 from suite.verdicts import Judgement, Verdict, judge, overall
 
 MOST_RUNS = 100_000  # of one campaign; what lies between samples is not known better by more of them on one machine
 MOST_POINTS = 2_000_000  # communication points of one run: its log is then a quarter of a gigabyte, and no viewer opens more
 MOST_ELEMENTS = 64  # of an array that is logged though nobody asked: 100 kB a run; a requirement may name any element
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """What a caller may show while it waits: `planned` runs in all, each result as it comes, and steps of other work."""
-
-    planned: Callable[[int], None] = lambda count: None
-    finished: Callable[[RunResult], None] = lambda result: None
-    advance: Callable[[], None] = lambda: None
 
 
 @dataclass(frozen=True, slots=True)

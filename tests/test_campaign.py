@@ -26,12 +26,13 @@ from suite.design import Design, design
 from suite.folders import LEDGER
 from suite.ledger import Ledger, LedgerError
 from suite.loading import load_study
+from suite.progress import Progress
 from suite.quantities import Observation
 from suite.quantity_names import parse_quantity
 from suite.review import ReviewStatus, review
 from suite.study import Study
 from suite.verdicts import Measured
-from suite.verification import Progress, verify
+from suite.verification import verify
 
 PATIENCE = 60.0  # s; generous for a loaded machine
 SAMPLES = 31  # of a campaign that is not over before it is interrupted, however busy the machine

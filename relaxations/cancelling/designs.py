@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog, minimize
-from scipy.stats import qmc
 
 from relaxations.cancelling.prefilters import Prefilter
 from relaxations.cancelling.structures import Structure
@@ -178,6 +177,8 @@ def _grid(delays: int, horizon: float) -> tuple[Reals, NDArray[np.bool_] | None]
         first, last = np.meshgrid(side, side, indexing="ij")
         inside = first < last
         return np.stack([np.zeros(inside.sum()), first[inside], last[inside]], axis=1), inside
+    from scipy.stats import qmc  # here: it takes longer to load than most designs take
+
     drawn = np.sort(qmc.Sobol(delays, scramble=False).random(DRAWS), axis=1) * horizon
     return np.hstack([np.zeros((len(drawn), 1)), drawn]), None
 

@@ -13,7 +13,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from relaxations.moments import Basis
 from relaxations.plants import Pole
@@ -36,6 +35,8 @@ class Decay:
 
     def __call__(self, now: Reals, before: Reals) -> Reals:
         """The term's share (n,) for samples r[n - delay] and r[n - delay - 1], each of shape (n,)."""
+        from scipy.signal import lfilter  # here: it takes long to load, and most shapers have impulses alone
+
         if not len(now):
             return np.zeros(0)
         earlier, chains = [], []

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import BSpline, CubicSpline, PPoly
 
 from relaxations.commands import Command, Segment, Tail
 from relaxations.errors import CommandError, ShaperError
@@ -90,6 +89,8 @@ class Spline:
 
         `rest`: None for its first value. Raises `CommandError`.
         """
+        from scipy.interpolate import BSpline, PPoly  # here: it takes long to load, and few commands are splines
+
         try:
             places, weights = np.asarray(knots, dtype=float), np.asarray(coefficients, dtype=float)
             found = PPoly.from_spline(BSpline(places, weights, degree, extrapolate=False))
@@ -114,6 +115,8 @@ class Spline:
             raise CommandError("; ".join(wrong))
         if degree == 1:
             return Spline.held(t, np.array([y[:-1], np.diff(y) / np.diff(t)]).T, rest)
+        from scipy.interpolate import CubicSpline
+
         return Spline.held(t, np.asarray(CubicSpline(t, y, bc_type="clamped").c)[::-1].T, rest)
 
     @staticmethod
