@@ -59,6 +59,7 @@ $(READY):
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install $(PIP_FLAGS) --require-hashes --requirement requirements.lock
 	$(BIN)/python -m pip install $(PIP_FLAGS) --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m compileall -q relaxations fmus reports suite tests # also where nobody writes bytecode: every process would compile them anew
 	@rm -f $(VENV)/ready-* && touch $@
 
 # the same search as the build's own: $CC, cc, gcc, clang, then ziglang

@@ -365,7 +365,8 @@ def _figure(name: str, size: tuple[float, float]) -> Iterator[Figure]:
     import matplotlib as mpl  # here: a bound, which draws nothing, would take twice as long
     from matplotlib.figure import Figure
 
-    with mpl.rc_context(_STYLE | {"svg.hashsalt": name}):
+    style: dict[Any, Any] = _STYLE | {"svg.hashsalt": name}
+    with mpl.rc_context(style):
         yield Figure(figsize=size, layout="constrained")
 
 

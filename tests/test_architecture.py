@@ -79,6 +79,14 @@ def test_the_command_line_starts_without_the_heavy_modules() -> None:
     assert done.stdout.strip() == "[]", "import these where they are used"
 
 
+def test_a_bound_starts_without_what_it_does_not_need() -> None:
+    """It draws and integrates nothing: what does would be most of its time."""
+    needless = ("matplotlib", "scipy.integrate", "scipy.interpolate", "scipy.signal", "scipy.stats", "sksundae", "jinja2")
+    script = f"import sys, suite.console, suite.collection; print([m for m in {needless!r} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]", "import these where they are used"
+
+
 @pytest.mark.parametrize("path", MODULES, ids=name)
 def test_every_module_says_what_it_is_for(path: Path) -> None:
     tree = ast.parse(path.read_text())
