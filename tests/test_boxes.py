@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from box_tasks import ONE, SPRING, TWIN, K, axis, fastest, forged, residual, robust, transfer
+from marks import slow
 
 from fmus.build import PLANTS
 from fmus.twins import linear_plant, read_twin, twin_family
@@ -35,6 +36,7 @@ def test_the_two_mass_spring_over_its_stiffness(displacement: str, width: str, k
     assert 0.0499 <= worst <= 0.05 * (1 + 1e-9)  # as much as is allowed is used
 
 
+@pytest.mark.slow
 def test_a_box_without_width_lies_below_rest_and_comes_to_it():
     times = [robust("1", tolerance, axis("stiffness", "0")) for tolerance in ("0.05", "0.001", "0.00001")]
     assert [found.status for found in times] == [Status.PROVED] * 3
@@ -99,7 +101,7 @@ def test_a_family_is_the_plant_at_every_place():
     ("change", "outcomes"),
     [
         (lambda d: d["task"]["box"].update(tolerance="0.0499"), {Outcome.INCONCLUSIVE, Outcome.REFUTED}),
-        (lambda d: d["task"]["box"]["parameters"][0].update(high="1.21"), {Outcome.INCONCLUSIVE, Outcome.REFUTED}),
+        slow(lambda d: d["task"]["box"]["parameters"][0].update(high="1.21"), {Outcome.INCONCLUSIVE, Outcome.REFUTED}),
         (lambda d: d["task"]["box"]["parameters"][0].update(low="0.85"), {Outcome.MALFORMED}),  # samples lie outside then
         (lambda d: d["task"]["box"]["parameters"][0].update(nominal="1.1"), {Outcome.MALFORMED}),
         (lambda d: d["task"]["box"].update(tolerance="-0.05"), {Outcome.MALFORMED}),
@@ -107,7 +109,7 @@ def test_a_family_is_the_plant_at_every_place():
         (lambda d: d["task"]["box"]["denominator"][2][0].__setitem__(0, "2.5"), {Outcome.MALFORMED}),
         (lambda d: d["lower"]["samples"][0]["residual"][0].update(upper="-1"), {Outcome.MALFORMED}),
         (lambda d: d["lower"].update(samples=[]), {Outcome.REFUTED, Outcome.INCONCLUSIVE}),
-        (lambda d: d["claim"].update(lower=str(5.41)), {Outcome.REFUTED, Outcome.INCONCLUSIVE}),
+        slow(lambda d: d["claim"].update(lower=str(5.41)), {Outcome.REFUTED, Outcome.INCONCLUSIVE}),
         (lambda d: d["upper"].update(segments=d["upper"]["segments"][:-1]), {Outcome.MALFORMED, Outcome.REFUTED, Outcome.INCONCLUSIVE}),
     ],
 )

@@ -91,6 +91,7 @@ def test_a_tighter_slope_takes_no_less_and_a_loose_one_as_long_as_none() -> None
     assert times[0].upper - free.lower <= 0.1 * 4
 
 
+@pytest.mark.slow
 def test_a_box_without_width_is_no_longer_than_rest() -> None:
     plant = SPRING.member([Fraction(1)])
     rest = minimum_time(problem([plant], Maneuver(Fraction("0.5"), Limits.of(-1, 1, rate=(-3, 3)))))

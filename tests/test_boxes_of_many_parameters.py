@@ -123,6 +123,7 @@ def moduli(bound: Bound, factors: np.ndarray) -> float:
     return total
 
 
+@pytest.mark.slow
 def test_what_a_command_leaves_of_three_modes_is_proven_and_no_less() -> None:
     posed, bound = three_modes("0.02", "0.05", "2"), nominal()
     assert bound.command is not None

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from marks import slow
 from small_studies import SHIPPED, results
 
 from relaxations.response import response
@@ -129,7 +130,7 @@ def test_a_short_tail_is_asked_for(tmp_path: Path) -> None:
         ("one zero", ("delays = 1",), "input = [-5, 5]\nrate = [-1, 1]", "limits.rate", "slopes"),
         ("one zero", ("delays = 1",), "input = [-5, 5]\npulses = 3", "limits.pulses", "any height"),
         ("pitch", ("delays = 1",), "input = [-5, 5]\ndeflection = { output = 2 }", "command.delays", "it takes 2 delays"),
-        (
+        slow(
             *("pitch", ("delays = 1", 'form = "last+step"'), "input = [-5, 5]\ndeflection = { output_rate = 0.6 }"),
             *("command.delays", "strays by"),
         ),

@@ -40,6 +40,7 @@ def test_pitch_of_one_delay() -> None:  # (58); the published -0.0184 and 2.3673
     assert done.poles[0].real == pytest.approx(-0.1541268, abs=5e-8)
 
 
+@pytest.mark.slow
 def test_pitch_of_steps_alone_with_bounded_gains() -> None:  # (60), (61)
     done = cancelling(PITCH, Request(2, zeros=(), bounds=Bounds(gains=(-0.35 / DISPLACEMENT, 2.0 / DISPLACEMENT))))
     assert done.delays[1:] == pytest.approx((1.5783360626, 4.2744016911), abs=DIGITS)

@@ -191,6 +191,7 @@ def test_limited_outputs_have_no_cost() -> None:
     assert lie(limited) is Outcome.MALFORMED
 
 
+@pytest.mark.slow
 def test_a_flexible_plant_is_checked_alike() -> None:
     found = weighted(problem([transfer([1], [1, 0, 2, 0, 0])()], Maneuver(exact("1"), Limits.of(-1, 1))), Fraction(1, 2))
     assert found.certificate is not None

@@ -18,7 +18,7 @@ from relaxations.checking.claims import Outcome, check
 pytestmark = pytest.mark.usefixtures("enough_work")
 
 
-QUICK = ("exact", "started", "held_slope", "held_steps", "pulsed")
+QUICK = ("exact", "started", "held_slope", "held_steps")
 SLOW = () if RECORDED.exists() else (pytest.mark.slow,)
 
 

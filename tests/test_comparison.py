@@ -58,6 +58,7 @@ def test_every_shaper_has_its_evidence_and_its_row(made: tuple[Path, dict[str, A
     assert "<script" not in page
 
 
+@pytest.mark.slow
 def test_folders_are_compared_as_they_are(made: tuple[Path, dict[str, Any]], tmp_path: Path):
     out, record = made
     fastest = study(tmp_path, name="fastest.toml")

@@ -94,6 +94,7 @@ def test_times_ascend_and_there_are_enough_of_them():
         identify_decay(t[:5], decay(t[:5]))
 
 
+@pytest.mark.slow
 def test_a_table_becomes_a_shaper(tmp_path: Path):
     t = np.linspace(0.0, 8.0, 600)
     file = write(tmp_path / "tip.csv", zip(t, decay(t), 0 * t, strict=True), "time;tip;other\n".replace(";", ","))

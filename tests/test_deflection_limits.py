@@ -76,6 +76,7 @@ def test_a_limit_that_is_not_needed_changes_nothing() -> None:
     assert tight[0] > free.upper  # type: ignore[operator]
 
 
+@pytest.mark.slow
 def test_tighter_limits_take_no_less_time() -> None:
     times = [sides(bound("rigid", "1", output_rate=speed)) for speed in ("0.999", "0.75", "0.5")]
     assert all(later[0] > earlier[1] for earlier, later in pairwise(times))

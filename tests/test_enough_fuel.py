@@ -12,6 +12,7 @@ import pytest
 from box_tasks import forged
 from click.testing import CliRunner
 from made_fmus import linear_fmu
+from marks import slow
 from scipy.linalg import expm
 from scipy.optimize import linprog
 
@@ -39,10 +40,10 @@ def asked(
     ("posed", "least"),
     [
         (asked(LAG, 3, "0.01"), 3.0),  # ∫u adds up to the displacement
-        (asked(LAG, 3, "2.9"), 3.0),
+        slow(asked(LAG, 3, "2.9"), 3.0),
         (asked(LinearPlant.from_transfer([1, 1], [1, 2, 0]), 1, "1"), 2.0),
         (asked(PENDULUM, 0, "0.1", start=SWING), hypot(1.7, 0.3)),  # what a swing has of momentum
-        (asked(LinearPlant.from_transfer([1, 2], [1, 1, 0]), 2, "0.2", tail=True), 1.0),
+        slow(asked(LinearPlant.from_transfer([1, 2], [1, 1, 0]), 2, "0.2", tail=True), 1.0),
     ],
 )
 def test_the_most_that_is_too_little_is_proven_and_sharp(posed: Problem, least: float) -> None:
@@ -113,6 +114,7 @@ def test_a_start_and_a_tail_together(start: tuple[str, str], tail: bool) -> None
     assert (1 - 2e-3 if sharp else 0.85) * least <= found.below <= least * (1 + 1e-9)  # of the other one's instants
 
 
+@pytest.mark.slow
 def test_a_start_that_helps_is_not_forgotten() -> None:
     """Must and must not: what is refuted of one start is no claim about another one, nor about a larger budget."""
     plant = LinearPlant.from_transfer([1, 2], [1, 1, 0])

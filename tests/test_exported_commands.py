@@ -120,6 +120,7 @@ def test_event_mode_brings_every_switch_to_the_importer(tmp_path: Path) -> None:
     assert seen[-1][3] is None
 
 
+@pytest.mark.slow
 def test_the_file_format_says_the_same(tmp_path: Path) -> None:
     """The FMU of a command that went through its file is the same to the byte."""
     version: FmiVersion = "2.0"

@@ -52,6 +52,7 @@ def test_the_least_cost_of_a_mass_and_its_certificate_in_another_process(tmp_pat
     assert "another price of fuel" in differs.output
 
 
+@pytest.mark.slow
 def test_text_says_the_bracket_the_check_and_the_command(tmp_path: Path) -> None:
     text = run(tmp_path, "--alpha", "1").stdout
     assert "least cost ∫(1 + 1·|u|) dt: [3.3166" in text

@@ -11,6 +11,7 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 from independent_limits import Limited
+from marks import slow
 from problems import transfer
 
 from relaxations.checking.claims import Outcome, check
@@ -67,6 +68,7 @@ def test_an_independent_program_knows_no_less_fuel() -> None:
     assert more.fraction(8.55, 240) > 1.0
 
 
+@pytest.mark.slow
 def test_more_time_never_burns_more_and_a_short_time_is_refused() -> None:
     times = [6.7, 7.5, 9.0, 12.0]
     burnt = [fuel_at(posed(5.0), time).computed for time in times]
@@ -110,7 +112,7 @@ def rigid(displacement: str, lower: int, upper: int) -> Problem:
 
 
 # One mass: a pulse, a coast, a pulse. With the speed v between them T = d/v + v (1/a + 1/b)/2, and the fuel is 2 v.
-@pytest.mark.parametrize(("displacement", "lower", "upper", "price"), [("1", -1, 2, "1"), ("5", -1, 1, "0.25"), ("-3", -2, 1, "4")])
+@pytest.mark.parametrize(("displacement", "lower", "upper", "price"), [slow("1", -1, 2, "1"), ("5", -1, 1, "0.25"), slow("-3", -2, 1, "4")])
 def test_a_mass_has_its_least_cost_in_closed_form(displacement: str, lower: int, upper: int, price: str) -> None:
     found = weighted(rigid(displacement, lower, upper), Fraction(price))
     cost = 2.0 * sqrt(abs(float(displacement)) * ((1 / upper - 1 / lower) / 2 + 2 * float(price)))
@@ -128,6 +130,7 @@ def test_a_mass_has_its_least_cost_in_closed_form(displacement: str, lower: int,
     assert checked.to_dict()["maneuver_time"] is None  # nothing is said of the time
 
 
+@pytest.mark.slow
 def test_an_independent_program_knows_no_cheaper_command() -> None:
     # Staircases are commands: at every T the least fuel of one (state space, HiGHS) costs what the lower side says or more.
     found = weighted(posed(1.0), Fraction(1, 2))

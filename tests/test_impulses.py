@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from marks import slow
 
 from relaxations.bounds import Status
 from relaxations.errors import ShaperError
@@ -90,7 +91,7 @@ def test_a_specified_negative_amplitude_is_shorter_than_zv_and_no_neighbour_is_s
 
 @pytest.mark.parametrize("humps", [1, 2, 3])
 @pytest.mark.parametrize("damping", [0.0, 0.03, 0.1])
-@pytest.mark.parametrize("tolerance", [0.01, 0.05, 0.2])
+@pytest.mark.parametrize("tolerance", [slow(0.01), 0.05, slow(0.2)])
 def test_the_humps_touch_the_tolerance_and_nothing_exceeds_it(humps: int, damping: float, tolerance: float):
     mode = Mode(2 * math.pi, damping)
     for make in (extra_insensitive, unity_magnitude):

@@ -83,6 +83,7 @@ def test_bands_and_exact_zeros_together():
     assert found.lower == pytest.approx(found.shaper.duration, rel=PROVEN)
 
 
+@pytest.mark.slow
 def test_time_scales_with_frequency_and_tighter_demands_take_longer():
     wide = [specified([Band(Mode(w, 0.02), 0.8, 1.2, 0.05)]).shaper for w in (1.0, 5e4)]
     assert np.array(wide[0].times) / 5e4 == pytest.approx(np.array(wide[1].times), rel=1e-8)
@@ -169,6 +170,7 @@ def test_mistakes_are_named(make, words: list[str]):
     assert all(word in str(caught.value) for word in words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("band", "dampings"),
     [

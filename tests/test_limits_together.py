@@ -57,6 +57,7 @@ def test_a_cart_of_limited_speed_acceleration_and_jerk() -> None:
     assert holds(1 / 0.5 + 0.5 + 0.25, bound(CART, "1", rate=RATE, deflection={"output_rate": "0.5"}))
 
 
+@pytest.mark.slow
 def test_an_emergency_stop() -> None:
     # From the speed 1 to rest, |a| ≤ 1 and |jerk| ≤ 4: T = v/a + a/j; a quarter of that speed: a triangle, v = j (T/2)².
     assert holds(1.25, bound(INTEGRATOR, "0", ("1",), rate=RATE))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from made_fmus import linear_fmu, made_fmu, steps_only
-from marks import first
+from marks import first, in_turn
 from study_texts import RIGID, read
 
 from fmus.archives import open_archive
@@ -102,6 +102,7 @@ def test_an_identified_plant_says_so(tmp_path: Path) -> None:
     assert "chosen: 2" in shown
 
 
+@pytest.mark.slow
 def test_what_is_shown_is_what_matters(pendulum: Path) -> None:
     shown = run(pendulum, "--input", "u", "--output", "y", "--set", "u=4.905", "--at", "rest").stdout
     assert "finite differences" in shown
@@ -257,8 +258,9 @@ def test_a_plant_that_does_not_rest_is_a_mistake_of_the_study(tmp_path: Path, pe
 # The distance of the FMU from its linear plant
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-@pytest.mark.parametrize("name", sorted({*shipped()} - {"spacecraft"}))  # its thrusters are on or off: its study compares the whole run
+@pytest.mark.parametrize(
+    ("name", "version"), in_turn(sorted({*shipped()} - {"spacecraft"}))
+)  # its thrusters are on or off: its study compares the whole run
 def test_shipped_plants_are_their_twins(name: str, version: FmiVersion) -> None:
     """Every output that a twin describes, moved with the natural size of the input: 1e-11 of the response is what the integrator leaves.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from made_fmus import steps_only
+from marks import in_turn
 
 from fmus.archives import open_archive
 from fmus.build import FmiVersion, build, shipped
@@ -71,8 +72,7 @@ def outputs(name: str) -> tuple[str, ...]:
     return tuple(read_twin(open_archive(build(name)).twin or "").outputs)
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize(("name", "version"), in_turn(shipped()))
 def test_derivatives_and_differences_are_the_twin(name: str, version: FmiVersion, worker: Worker, tmp_path: Path) -> None:
     for output in outputs(name):
         for method in ("derivatives", "differences"):

@@ -8,6 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from marks import slow
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
@@ -86,7 +87,7 @@ def within(made: Made, step: float, samples: int) -> bool:
 
 @pytest.mark.parametrize(
     ("kind", "modes", "step"),
-    [("um-ei", [ONE], 0.02), ("um-ei", [Mode(2 * math.pi, 0.3)], 0.01), ("um-2-hump-ei", [ONE], 0.05), ("um-ei", [ONE, TWO], 0.02)],
+    [("um-ei", [ONE], 0.02), slow("um-ei", [Mode(2 * math.pi, 0.3)], 0.01), ("um-2-hump-ei", [ONE], 0.05), slow("um-ei", [ONE, TWO], 0.02)],
 )
 def test_unity_magnitude_humps_keep_their_range_on_samples_and_fewer_do_not_do(kind: str, modes: list[Mode], step: float):
     made = make(kind, Request(tuple(modes), sample_time=step))

@@ -90,6 +90,7 @@ def test_a_point_that_is_no_rest_is_refused_and_the_nearest_one_told(worker: Wor
     assert 1e-10 < nearly.imbalances.max() < 1e-8
 
 
+@pytest.mark.slow
 def test_an_input_with_which_nothing_rests(worker: Worker) -> None:
     drive = open_archive(linear_fmu("drive", [[0.0, 1.0], [0.0, 0.0]], [0.0, 1.0], [1.0, 0.0]))
     with pytest.raises(LinearizationError, match="rests nowhere near: give another input"):

@@ -115,6 +115,7 @@ def test_what_makes_no_sense_is_told(oscillator: Path, words: tuple[object, ...]
     assert told in done.stderr
 
 
+@pytest.mark.slow
 def test_the_published_designs_beside_each_other(pitch: Path, tmp_path: Path) -> None:
     picture = tmp_path / "c.svg"
     words = ("--delays", 1, "--form", "last+step", "--compare", "--gains", "-0.35:2", "--unbounded", "--plot", picture)

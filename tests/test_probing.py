@@ -157,6 +157,7 @@ def test_a_pendulum_at_two_operating_points(torque: float, variable: bool, tmp_p
     assert (found.u, found.y) == (torque, pytest.approx(math.sin(angle), abs=1e-12))
 
 
+@pytest.mark.slow
 def test_an_operating_point_that_is_reached_by_settling(tmp_path: Path, worker: Worker) -> None:
     fmu = pendulum(tmp_path)
     found = linearize(fmu, "u", "y", {"friction": 4.0}, initial_input=4.905, settle=math.inf, worker=worker)
@@ -215,7 +216,7 @@ def test_what_is_laid_down_is_kept(tmp_path: Path, worker: Worker) -> None:
 SHAPER = Shaper((0.0, 0.5), (0.54, 0.46))
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("version", ["2.0", slow("3.0")])
 def test_a_delay_is_refused_wherever_the_record_ends(version: FmiVersion, tmp_path: Path, worker: Worker) -> None:
     """A ZV shaper: half of the step at once, the other half a second later. It has no poles at all, and no order that would do."""
     path = tmp_path / "zv.fmu"
@@ -278,6 +279,7 @@ def test_of_a_slow_fmu_that_is_not_linear_no_more_is_tried_than_time_allows(
     assert len(runs) <= 1 + 2 * len(AMPLITUDES) + 4
 
 
+@pytest.mark.slow
 def test_an_fmu_that_fails_far_out_is_moved_less(tmp_path: Path, worker: Worker) -> None:
     """It returns Error, or ends its process, as soon as it is deflected by a hundredth: smaller pulses do."""
     for what in ("return PLANT_ERROR", "abort()"):

@@ -76,6 +76,7 @@ def test_a_plant_that_is_held_ends_at_what_holds_it() -> None:
     assert after == pytest.approx(np.full(50, 0.5), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_lower_rates_take_no_less_time_and_high_ones_come_to_nothing() -> None:
     free = bound("rigid", "1", None)
     times = [sides(bound("rigid", "1", (f"-{rate}", rate))) for rate in ("100", "16", "4")]

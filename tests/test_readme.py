@@ -143,6 +143,7 @@ def test_an_output_that_differs_in_one_digit_is_not_what_is_quoted():
     assert not re.fullmatch(pattern(quoted), "a table\nrow\nminimum time: 4.22 s (1.5 ms)\n")
 
 
+@pytest.mark.slow
 def test_the_picture_is_the_one_that_its_script_draws(tmp_path: Path):
     """Words and numbers of it: the last digits of the curves are the machine's."""
     again = tmp_path / "picture.svg"

@@ -94,6 +94,7 @@ def test_a_minimum_that_is_a_whole_number_of_samples_is_proven_in_fractions() ->
     assert check(forged(data)).outcome is Outcome.REFUTED
 
 
+@pytest.mark.slow
 def test_shorter_samples_come_closer_to_the_minimum_of_all_commands() -> None:
     nominal = minimum_time(posed(TWO_MASS, 5, None))
     ends = [proven(posed(TWO_MASS, 5, Fraction(2) ** -k))[0] for k in range(-1, 8)]

@@ -42,7 +42,7 @@ def hump_beyond(shaper: Shaper, damping: float, zero: float) -> tuple[float, flo
     return float(found.x), -float(found.fun)
 
 
-@pytest.mark.parametrize("damping", [0.75, 0.9, 0.97])
+@pytest.mark.parametrize("damping", [slow(0.75), 0.9, slow(0.97)])
 def test_beyond_its_end_one_hump_is_the_zv_shaper_whose_highest_residual_is_at_the_mode(damping: float):
     """Independently: ZV in closed form, its hump by a search of one number, scaled to be at 1."""
     zv = derivative_shaper(Mode(1.0, damping))
@@ -72,7 +72,7 @@ def test_where_one_hump_ends_and_that_it_is_continuous_there():
     assert curves[0] == pytest.approx(curves[1], abs=1e-4)
 
 
-@pytest.mark.parametrize("humps", [1, 2, slow(3)])
+@pytest.mark.parametrize("humps", [1, slow(2), slow(3)])
 def test_humps_are_continuous_in_the_tolerance(humps: int):
     """Around every bend of the curve of solutions: a step of the tolerance moves nothing by more than a small multiple of it."""
     steps = np.linspace(0.02, 0.2, 7)
@@ -80,7 +80,7 @@ def test_humps_are_continuous_in_the_tolerance(humps: int):
     assert np.abs(np.diff(durations)).max() < 0.6
 
 
-@pytest.mark.parametrize("tolerance", [1e-12, 1e-4, 0.5])
+@pytest.mark.parametrize("tolerance", [1e-12, slow(1e-4), 0.5])
 @pytest.mark.parametrize("damping", [0.0, 0.3, 0.9])
 @pytest.mark.parametrize("make_one", [extra_insensitive, unity_magnitude])
 def test_the_tolerance_is_kept_at_the_mode_and_about_it_proven(make_one, damping: float, tolerance: float):

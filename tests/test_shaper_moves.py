@@ -116,6 +116,7 @@ def test_bands_of_several_modes_are_one_box():
             assert np.abs(rest - 0.03).max() <= 0.05 * 0.03 * (1 + 1e-4)
 
 
+@pytest.mark.slow
 def test_bands_of_one_mode_are_kept_as_one():
     low, middle, high = (Band(MODE, *ends, 0.05) for ends in ((0.95, 1.02), (1.0, 1.03), (1.05, 1.1)))
     other = Band(MODE.scaled(3.0), 0.9, 1.1, 0.05)

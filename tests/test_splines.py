@@ -117,6 +117,7 @@ def test_files_and_back():
     assert by_weights(0.25) == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 def test_lines_are_as_close_as_they_say_and_switch_at_every_knot():
     for spline in (JUMPING, MOVE):
         for accuracy in (1e-3, 1e-6):

@@ -33,6 +33,7 @@ def bound(tmp_path: Path, command: str, limits: str = "", denominator: str = SPR
     return result.stdout if code == 0 else result.output
 
 
+@pytest.mark.slow
 def test_a_fuel_efficient_command_says_what_its_form_costs(tmp_path: Path) -> None:
     record = json.loads(bound(tmp_path, 'kind = "fuel-efficient"\nrobustness = 1'))
     assert record["status"] == "proved"
@@ -46,6 +47,7 @@ def test_a_fuel_efficient_command_says_what_its_form_costs(tmp_path: Path) -> No
     assert "The claim is about inputs of this form alone." in checked.output
 
 
+@pytest.mark.slow
 def test_a_study_of_any_form_is_another_study(tmp_path: Path) -> None:
     bound(tmp_path, 'kind = "fuel-efficient"\nrobustness = 1')
     (tmp_path / "study.toml").write_text(STUDY.format(command="robustness = 1", limits="", denominator=SPRING))

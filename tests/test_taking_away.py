@@ -18,7 +18,7 @@ from fmpy import __file__ as fmpy_file
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 from independent_shaping import known_shapers
-from marks import first
+from marks import first, slow
 from pyssp_standard.ssp import SSP
 from raw_fmus import RawFmu
 
@@ -66,7 +66,7 @@ def run(*arguments: str | Path) -> Result:
     return CliRunner().invoke(main, ["fmus", "export", *map(str, arguments)], catch_exceptions=False)
 
 
-@pytest.mark.parametrize("name", ["pole-zero", "bound"])
+@pytest.mark.parametrize("name", ["pole-zero", slow("bound")])
 def test_writes_both_versions(files: Path, tmp_path: Path, name: str) -> None:
     done = run(files / f"{name}.json", "--out", tmp_path / "out", "--json")
     assert done.exit_code == 0, done.output
@@ -228,7 +228,7 @@ def test_the_sources_compile_without_a_warning(tmp_path: Path, monkeypatch: pyte
     assert done.exit_code == 0, done.stderr
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("version", [slow("2.0"), "3.0"])
 def test_anybody_can_compile_the_sources(files: Path, tmp_path: Path, version: str) -> None:
     """With the files that the descriptions list, the standard's headers and no flag of ours, a library that does the same."""
     assert run(files / "pole-zero.json", "--fmi", version[0], "--out", tmp_path / "x.fmu").exit_code == 0
@@ -256,8 +256,15 @@ def test_anybody_can_compile_the_sources(files: Path, tmp_path: Path, version: s
 # -- SSP ---------------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("plant", "version"), [("two_mass.fmi2", "1.0"), ("two_mass", "2.0")])
-@pytest.mark.parametrize("name", ["zv", "move"])
+@pytest.mark.parametrize(
+    ("name", "plant", "version"),
+    [
+        ("zv", "two_mass.fmi2", "1.0"),
+        ("move", "two_mass", "2.0"),
+        slow("zv", "two_mass", "2.0"),
+        slow("move", "two_mass.fmi2", "1.0"),
+    ],
+)
 def test_an_ssp_is_what_the_standard_says(files: Path, tmp_path: Path, name: str, plant: str, version: str) -> None:
     """Read by another implementation, with the standard's schema and its rules for connections."""
     assert run(files / f"{name}.json", "--ssp", plant, "--out", tmp_path).exit_code == 0

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from marks import slow
 from small_studies import results, run_table
 from tampering import close, relog, rewrite, run
 
@@ -121,7 +122,7 @@ def another_log(found: dict[str, Any]) -> None:
     "change",
     [
         *(verdict_of("SLEW-001"), verdict_of("SLEW-003"), overall, wider_limit, narrower_scope, dropped_requirement, other_quantity),
-        *(dropped_run, miscounted, other_sample, other_command, other_bracket, another_log),
+        *map(slow, (dropped_run, miscounted, other_sample, other_command, other_bracket, another_log)),
     ],
     ids=lambda change: change.__qualname__.replace(".<locals>.change", ""),
 )

@@ -85,6 +85,7 @@ def test_one_command_for_every_plant_of_a_box() -> None:
     assert "In every one of these plants the residual" in words
 
 
+@pytest.mark.slow
 def test_a_plant_that_varies() -> None:
     found = growing()
     command = pulses(found, 1.0)

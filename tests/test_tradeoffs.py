@@ -237,6 +237,7 @@ def test_uncertain_modes_of_numbers_have_widths_too() -> None:
     assert (low, high) == (pytest.approx(0.91833001325), pytest.approx(1.07008771255))
 
 
+@pytest.mark.slow
 def test_a_study_of_another_robustness_says_what_this_is_about(tmp_path: Path) -> None:
     study = study_file(tmp_path)
     text = study.read_text().replace('robustness = "box"\ntolerance = 0.1', "robustness = 1")

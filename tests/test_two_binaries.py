@@ -79,6 +79,7 @@ def test_a_study_records_the_one_that_it_ran(fmu: tuple[Path, str, str], interfa
     assert logs.read_log(log).run["binary_sha256"] == used
 
 
+@pytest.mark.slow
 def test_a_simulation_and_a_linearisation_record_the_one_that_they_ran(fmu: tuple[Path, str, str], tmp_path: Path) -> None:
     path, stepped, exchanged = fmu
     (tmp_path / "move.json").write_text(json.dumps(COMMAND))

@@ -53,17 +53,20 @@ def agree(one: Bound, other: Bound) -> None:
     assert other.lower <= upper_of(one)
 
 
+@pytest.mark.slow
 def test_a_frequency_is_the_root_of_a_stiffness():
     """The spring's gain keeps its value at rest, and k grows with ω²: [0.9, 1.1] of the one is [0.81, 1.21] of the other."""
     agree(tolerant("spring", FREQUENCY, "1"), robust("1", "0.05", Axis("stiffness", Fraction(1), Fraction(81, 100), Fraction(121, 100))))
 
 
+@pytest.mark.slow
 def test_a_damping_ratio_is_a_coefficient():
     """1/(s² + 2ζ s + 1), from no damping at all on."""
     family = transfer(["z"], [ONE], [ONE, {(1,): 2}, ONE])
     agree(tolerant("block", DAMPING, "0.5"), fastest(family, Axis("z", Fraction(1, 10), Fraction(0), Fraction(1, 5))))
 
 
+@pytest.mark.slow
 def test_a_zero_is_moved_at_a_constant_static_gain():
     """(s + 2g)/g."""
     family = transfer(["g"], [ONE, {(1,): 2}], [{(1,): 1}, {(1,): "0.4"}, {(1,): 2}, {}])
@@ -129,6 +132,7 @@ def test_a_final_tolerance_is_always_kept():
     assert tolerant("block", FREQUENCY, "0.5", final="0.000001").status is Status.PROVED
 
 
+@pytest.mark.slow
 def test_boxes_without_width_are_the_one_plant():
     """Moved by nothing, written with a coefficient of no width, or one plant of a list: the same bracket; it lies below rest, and comes to
     rest as the tolerance goes to 0."""
@@ -292,6 +296,7 @@ def written(folder: Path, plant: str, parameter: str, limits: str, robustness: s
     return file
 
 
+@pytest.mark.slow
 def test_a_study_of_numbers_and_one_of_an_fmu(tmp_path: Path):
     """The linear plant of the FMU is the same one: the same bracket. No FMU can be set to a mode, so it is not verified over one."""
     one = design(load_study(written(tmp_path, NUMBERS, "mode[1].frequency", '["90 %", 1.1]'))).bound

@@ -31,7 +31,7 @@ DAMPED_A, DAMPED_B, DAMPED_C = [[0, 1, 0], [0, "-0.5", 1], [0, "-3", "-0.2"]], [
         slow(SPRING_A, SPRING_B, SPRING_C, 1, Limits.of(-1, 1)),
         (SPRING_A, SPRING_B, SPRING_C, 5, Limits.of(-1, 1, 4)),
         slow(DAMPED_A, DAMPED_B, DAMPED_C, 2, Limits.of(-1, "0.7")),
-        (STIFF_A, STIFF_B, STIFF_C, "0.5", Limits.of(-1, 1)),
+        slow(STIFF_A, STIFF_B, STIFF_C, "0.5", Limits.of(-1, 1)),
         (STIFF_A, STIFF_B, STIFF_C, "-0.5", Limits.of(-1, "0.25")),
     ],
 )
@@ -155,6 +155,7 @@ def test_a_rest_lasts_or_there_is_none() -> None:
         VaryingPlant.of([0], [[[0]]], [[0]], [[1]])
 
 
+@pytest.mark.slow
 def test_scales_of_time_do_not_matter() -> None:
     # x'' = (1 + t/τ) u with u of 1/τ²: the closed form, τ times as long.
     time, _ = growing_time(1.0)

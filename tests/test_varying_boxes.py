@@ -127,6 +127,7 @@ def least(plants: list[VaryingPlant], horizon: float, cells: int) -> float:
     return float(answer.fun)
 
 
+@pytest.mark.slow
 def test_another_program_agrees() -> None:
     bound, plants = found(), [hoisting("1"), hoisting("0.9")]
     assert bound.upper is not None
@@ -134,6 +135,7 @@ def test_another_program_agrees() -> None:
     assert least(plants, bound.upper * 1.003, 50) < 1.0
 
 
+@pytest.mark.slow
 def test_the_command_for_one_plant_is_shorter_and_leaves_more_in_the_other() -> None:
     alone = found(())
     assert alone.upper is not None

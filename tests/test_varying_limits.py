@@ -51,7 +51,7 @@ def moved(displacement: str, limits: Limits, **others: Any) -> Maneuver:
     [
         (Limits.of(-1, 1), {"sample_time": STEP}),
         (Limits.of(-1, "0.9", rate=(-2, 3)), {"sample_time": STEP}),
-        (Limits.of(-1, 1, deflection={"output_rate": "0.4"}, rate=(-2, 3)), {"sample_time": STEP}),
+        slow(Limits.of(-1, 1, deflection={"output_rate": "0.4"}, rate=(-2, 3)), {"sample_time": STEP}),
         slow(Limits.of(-1, 1, deflection={"output_rate": "0.4"}), {}),
         slow(Limits.of(-1, 1, rate=(-2, 3)), {}),
         (Limits.of(-1, 1), {"initial": ("0.2", "-0.5")}),

@@ -148,6 +148,7 @@ def test_by_default_the_nominal_log_and_the_worst_are_kept(tmp_path: Path) -> No
     assert done.status is ReviewStatus.CONFIRMED
 
 
+@pytest.mark.slow
 def test_every_log_of_a_run_that_did_not_pass_is_kept(tmp_path: Path) -> None:
     verify(load_study(small_study(tmp_path, samples=5, limit=0.05)), tmp_path / "out")
     rows = run_table(tmp_path / "out")

@@ -44,6 +44,7 @@ def on_a_grid(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_design_is_on_the_grid_before_anything_runs_and_says_what_that_costs(on_a_grid: Path) -> None:
     found = results(on_a_grid / "out")
     assert found["grid"]["step"] == STEP
@@ -138,6 +139,7 @@ def oscillator(folder: Path, fmu: Path, *more: str) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_an_fmu_that_does_not_name_its_step_needs_one(tmp_path: Path) -> None:
     fmu = build_event_plant(tmp_path, "FUSSY", "3.0", canHandleVariableCommunicationStepSize="false")
     done = run("verify", oscillator(tmp_path, fmu), "--out", tmp_path / "out")
