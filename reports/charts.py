@@ -25,25 +25,24 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Stand-ins for the page's colours: matplotlib wants numbers, the page wants variables.
-_INK, _FAINT, _LINE, _SECOND, _LIMIT, _BAD, _UNSURE = "#010101", "#020202", "#030303", "#040404", "#050505", "#060606", "#070707"
-_FOURTH = "#080808"
+INK, FAINT, LINE, SECOND, LIMIT, BAD, UNSURE = "#010101", "#020202", "#030303", "#040404", "#050505", "#060606", "#070707"
+FOURTH = "#080808"
 _COLOURS = {
-    _INK: "var(--chart-ink, #3d444d)",
-    _FAINT: "var(--chart-faint, #d5d9de)",
-    _LINE: "var(--chart-line, #1f5fa8)",
-    _SECOND: "var(--chart-second, #b3541e)",
-    _LIMIT: "var(--chart-limit, #8a6d00)",
-    _BAD: "var(--chart-bad, #b3261e)",
-    _UNSURE: "var(--chart-unsure, #9a6700)",
-    _FOURTH: "var(--chart-fourth, #7b2d8b)",
+    INK: "var(--chart-ink, #3d444d)",
+    FAINT: "var(--chart-faint, #d5d9de)",
+    LINE: "var(--chart-line, #1f5fa8)",
+    SECOND: "var(--chart-second, #b3541e)",
+    LIMIT: "var(--chart-limit, #8a6d00)",
+    BAD: "var(--chart-bad, #b3261e)",
+    UNSURE: "var(--chart-unsure, #9a6700)",
+    FOURTH: "var(--chart-fourth, #7b2d8b)",
 }
-INK, FAINT, LINE, SECOND, FOURTH, LIMIT, BAD, UNSURE = _INK, _FAINT, _LINE, _SECOND, _FOURTH, _LIMIT, _BAD, _UNSURE  # elsewhere
 _FONT = "var(--chart-font, system-ui, sans-serif)"
 _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions of matplotlib name
-    "axes.edgecolor": _INK,
+    "axes.edgecolor": INK,
     "axes.facecolor": "none",
     "axes.grid": True,
-    "axes.labelcolor": _INK,
+    "axes.labelcolor": INK,
     "axes.labelsize": 9,
     "axes.linewidth": 0.7,
     "axes.spines.right": False,
@@ -52,19 +51,19 @@ _STYLE: dict[Any, Any] = {  # keys are a literal type that only newer versions o
     "axes.unicode_minus": True,
     "figure.facecolor": "none",
     "font.family": ["DejaVu Sans"],  # comes with matplotlib: the same metrics everywhere
-    "grid.color": _FAINT,
+    "grid.color": FAINT,
     "grid.linewidth": 0.6,
     "legend.fontsize": 8.5,
     "legend.frameon": False,
-    "legend.labelcolor": _INK,
+    "legend.labelcolor": INK,
     "lines.linewidth": 1.5,
     "path.simplify": True,
     "svg.fonttype": "none",  # text stays text: searchable, and in the page's font
-    "text.color": _INK,
+    "text.color": INK,
     "text.parse_math": False,
-    "xtick.color": _INK,
+    "xtick.color": INK,
     "xtick.labelsize": 8.5,
-    "ytick.color": _INK,
+    "ytick.color": INK,
     "ytick.labelsize": 8.5,
 }
 _WIDTH = 7.6  # inches; the page scales it
@@ -111,26 +110,26 @@ def command_and_response(
         above, middle, below = figure.subplots(3, 1, height_ratios=(2, 3, 2))
         middle.sharex(above)
         moving = t <= end + 0.35 * max(end - start, 1e-12)
-        above.step(t[moving], u[moving], where="post", color=_LINE)
+        above.step(t[moving], u[moving], where="post", color=LINE)
         if input_limits is not None:
             for level in input_limits:
-                above.axhline(level, color=_LIMIT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
+                above.axhline(level, color=LIMIT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
         above.set_ylabel(command_label)
         above.tick_params(labelbottom=False)
-        middle.axhline(target, color=_LIMIT, linewidth=1.0, linestyle=(0, (4, 3)), label="target")
-        middle.plot(t[moving], y[moving], color=_LINE, label="FMU")
+        middle.axhline(target, color=LIMIT, linewidth=1.0, linestyle=(0, (4, 3)), label="target")
+        middle.plot(t[moving], y[moving], color=LINE, label="FMU")
         if reference is not None:
-            middle.plot(t[moving], reference[moving], color=_SECOND, linestyle=(0, (1, 2.5)), linewidth=2.0, label="linear plant")
+            middle.plot(t[moving], reference[moving], color=SECOND, linestyle=(0, (1, 2.5)), linewidth=2.0, label="linear plant")
         middle.set_ylabel(output_label)
         middle.legend(loc="best")
         for axes in (above, middle):
-            axes.axvline(end, color=_INK, linewidth=0.8, linestyle=":")
+            axes.axvline(end, color=INK, linewidth=0.8, linestyle=":")
         after = t >= end
         deviation = 100.0 * (y[after] - target) / displacement
-        below.plot(t[after], deviation, color=_LINE, linewidth=0.9)
+        below.plot(t[after], deviation, color=LINE, linewidth=0.9)
         if tolerance is not None:
             for level in (-100.0 * tolerance, 100.0 * tolerance):
-                below.axhline(level, color=_LIMIT, linewidth=1.0, linestyle=(0, (4, 3)))
+                below.axhline(level, color=LIMIT, linewidth=1.0, linestyle=(0, (4, 3)))
         below.set(xlabel="time [s]", ylabel="from target [% of move]")
         below.set_title("After the move", loc="left")
         above.set_title("During the move (dotted: its end)", loc="left")
@@ -164,20 +163,20 @@ def sweep(
     x, y, judged = x[order], y[order], judged[order]
     with _figure(name, (_WIDTH, 3.4)) as figure:
         axes = figure.subplots()
-        axes.plot(x, y, color=_LINE, linewidth=1.0)
+        axes.plot(x, y, color=LINE, linewidth=1.0)
         if errors is not None:
-            axes.errorbar(x, y, yerr=np.asarray(errors, dtype=float)[order], fmt="none", ecolor=_INK, elinewidth=0.8)
-        marks = {"pass": ("o", _LINE, "pass"), "fail": ("X", _BAD, "FAIL"), "undecided": ("D", _UNSURE, "UNDECIDED")}
+            axes.errorbar(x, y, yerr=np.asarray(errors, dtype=float)[order], fmt="none", ecolor=INK, elinewidth=0.8)
+        marks = {"pass": ("o", LINE, "pass"), "fail": ("X", BAD, "FAIL"), "undecided": ("D", UNSURE, "UNDECIDED")}
         for verdict, (marker, colour, label) in marks.items():
             if np.any(chosen := judged == verdict):
                 axes.plot(x[chosen], y[chosen], marker, color=colour, markersize=5.5, markeredgewidth=0, label=label)
         lost = ~np.isfinite(y)
         if np.any(lost):  # a run without a result is shown where it is missing
-            axes.plot(x[lost], np.full(lost.sum(), 0.02), "x", color=_BAD, transform=axes.get_xaxis_transform(), label="no result")
+            axes.plot(x[lost], np.full(lost.sum(), 0.02), "x", color=BAD, transform=axes.get_xaxis_transform(), label="no result")
         for limit in limits:
-            axes.axhline(limit.value, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
+            axes.axhline(limit.value, color=LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
         if nominal is not None:
-            axes.axvline(nominal, color=_INK, linewidth=0.8, linestyle=":", label="nominal")
+            axes.axvline(nominal, color=INK, linewidth=0.8, linestyle=":", label="nominal")
         axes.set_xlabel(parameter_label)
         axes.set_ylabel(quantity_label)
         axes.legend(loc="best")
@@ -199,15 +198,15 @@ def sensitivity(
     (x,) = _arrays(factors=factors)
     with _figure(name, (_WIDTH, 3.4)) as figure:
         axes = figure.subplots()
-        styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)), (0, (9, 3))), (_LINE, _SECOND, _INK, _INK, _INK)
+        styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)), (0, (9, 3))), (LINE, SECOND, INK, INK, INK)
         for number, (label, curve) in enumerate(curves.items()):
             y, width = _arrays(factors=factors, curve=curve)[1], 1.0 if number > 2 else 1.6
             axes.plot(x, y, color=colours[number % 5], linestyle=styles[number % 5], linewidth=width, label=label)
         if band is not None:
-            axes.axvspan(*band, color=_FAINT, alpha=0.5, linewidth=0, zorder=0)
+            axes.axvspan(*band, color=FAINT, alpha=0.5, linewidth=0, zorder=0)
         for limit in limits:
             low, high = band or axes.get_xlim()
-            axes.hlines(limit.value, low, high, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
+            axes.hlines(limit.value, low, high, color=LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
         axes.set(xlabel=factor_label, ylabel=quantity_label, ylim=(0.0, None))
         axes.margins(x=0.01)
         axes.legend(loc="best")
@@ -230,7 +229,7 @@ def responses(
     """
     with _figure(name, (_WIDTH, 6.8)) as figure:
         above, middle, below = figure.subplots(3, 1, sharex=True, height_ratios=(2, 3, 3))
-        middle.axhline(target, color=_LIMIT, linewidth=1.0, linestyle=(0, (4, 3)))
+        middle.axhline(target, color=LIMIT, linewidth=1.0, linestyle=(0, (4, 3)))
         for number, (label, (times, command, output)) in enumerate(curves.items()):
             t, u, y = _arrays(times=times, command=command, output=output)
             seen = t <= 2.0 * end
@@ -264,7 +263,7 @@ def sweeps(name: str, curves: Mapping[str, tuple[ArrayLike, ArrayLike]], *, para
 
 def _look(number: int) -> dict[str, Any]:
     """A colour and a line that tell this curve from its neighbours in print as well."""
-    styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2))), (_LINE, _SECOND, _INK, _FOURTH)
+    styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2))), (LINE, SECOND, INK, FOURTH)
     return {"color": colours[number % 4], "linestyle": styles[number % 4], "linewidth": 1.3}
 
 
@@ -275,7 +274,7 @@ def costs(name: str, sizes: ArrayLike, curves: Mapping[str, ArrayLike], *, size_
         axes = figure.subplots()
         for number, (label, curve) in enumerate(curves.items()):
             y = _arrays(sizes=sizes, curve=curve)[1]
-            axes.plot(x, y, color=(_LINE, _SECOND, _INK)[number % 3], marker="os^"[number % 3], markersize=4.0, label=label)
+            axes.plot(x, y, color=(LINE, SECOND, INK)[number % 3], marker="os^"[number % 3], markersize=4.0, label=label)
         axes.set(xscale="log", yscale="log", xlabel=size_label, ylabel=cost_label)
         axes.yaxis.set_major_formatter(lambda value, place: f"{value:g}")
         axes.set_xticks(x, [f"{size:g}" for size in x])
@@ -303,7 +302,7 @@ def shaping(
     """
     with _figure(name, (_WIDTH, 5.6)) as figure:
         above, below = figure.subplots(2, 1)
-        styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2))), (_LINE, _SECOND, _INK)
+        styles, colours = ("-", (0, (6, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2))), (LINE, SECOND, INK)
         for number, (label, curve) in enumerate(curves.items()):
             x, y = _arrays(factors=factors, curve=curve)
             above.plot(x, y, color=colours[number % 3], linestyle=styles[number % 4], label=label)
@@ -311,11 +310,11 @@ def shaping(
                 told, least, most = ranges[label]
                 x, low, high = _arrays(factors=factors, least=least, most=most)
                 above.fill_between(x, low, high, color=colours[number % 3], alpha=0.25, linewidth=0, label=told)
-        above.axhline(limit.value, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
-        above.axvspan(*band, color=_FAINT, alpha=0.5, linewidth=0, zorder=0, label=f"band, {band[0]:g} to {band[1]:g}")
+        above.axhline(limit.value, color=LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
+        above.axvspan(*band, color=FAINT, alpha=0.5, linewidth=0, zorder=0, label=f"band, {band[0]:g} to {band[1]:g}")
         above.set(xlabel="frequency / modelled frequency", ylabel="residual vibration [%]", ylim=(0.0, None))
         t, u = _arrays(times=times, command=command)
-        below.step(t, u, where="post", color=_LIMIT, linewidth=1.0, label="shaped step")
+        below.step(t, u, where="post", color=LIMIT, linewidth=1.0, label="shaped step")
         for number, (label, response) in enumerate(responses.items()):
             y = _arrays(times=times, response=response)[1]
             below.plot(t, y, color=colours[number % 3], linestyle=styles[number % 4], label=label)
