@@ -21,7 +21,7 @@ from typing import Any
 import flint
 from flint import arb, fmpq
 
-from relaxations.checking.balls import System, Wave, placed
+from relaxations.checking.balls import System, Wave, placed, spend
 from relaxations.checking.reading import Undecided, require
 
 MOST = 200  # pulses
@@ -102,6 +102,7 @@ def prove(system: System, nodes: Sequence[Any], time: fmpq, support: Support) ->
         waiting = [tight(whole(n, time, system), width)]
         while waiting:
             box, node = waiting.pop(), next(left, None)
+            spend(10 * (1 + n))
             if node is None:
                 raise Undecided("the trees of pulses end too early")
             if node.split:
@@ -140,6 +141,7 @@ def pieces(system: System, box: Box, leaf: Any, horizon: fmpq) -> Iterator[tuple
     admitted = [(arb(one.begin[0]).lower().fmpq(), min(arb(one.end[1]).upper().fmpq(), horizon)) for one in box]
     certain = [(arb(one.begin[1]).upper().fmpq(), arb(one.end[0]).lower().fmpq()) for one in box]
     edges = sorted({edge for begin, end in (*admitted, *certain) if begin < end for edge in (begin, end)})
+    spend(3 * len(edges) * len(box))
     found: list[tuple[fmpq, fmpq, frozenset[Line]]] = []
     for begin, end in pairwise(edges):
         sure = next((own for own, (low, high) in zip(lines, certain, strict=True) if low <= begin and end <= high), None)
