@@ -79,8 +79,13 @@ class Looks:
         moving = np.unique(np.concatenate([self.moving, more.moving]), axis=0)
         return Looks(np.union1d(self.instants, more.instants), np.union1d(self.turns, more.turns), moving)
 
+    @property
+    def count(self) -> int:
+        """How many places."""
+        return len(self.instants) + len(self.turns) + len(self.moving)
+
     def __bool__(self) -> bool:
-        return bool(len(self.instants) or len(self.turns) or len(self.moving))
+        return self.count > 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from relaxations.bounds import NOT_PROVEN, Bound, Settings, Status, staircase
 from relaxations.commands import Command, Tail
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
-from relaxations.repair import SNAP, repair
+from relaxations.repair import SNAP, repair, zoomed
 from relaxations.robust.boxes import Listed
 from relaxations.robust.search import Sampled, at_rest_at_once, keeps, minimum, within
 from relaxations.sides import FINER, Proof, concluded, instant_proof, landed, lower_side
@@ -40,9 +40,12 @@ def robust_time(problem: Problem, task: dict[str, Any], settings: Settings, near
         return concluded(task, instant_proof(problem, task, found), found, time.perf_counter() - begun)
     proof, found, count, trouble = Proof(), None, 0, ""
     settings = settings.finer(SLOPED) if problem.sloped else settings
+    switched = not problem.courses and problem.rate is None  # nearly: but for the cells in which it changes
     for factor in FINER:
-        finer = settings.finer(factor)
+        finer = settings.finer(1 if switched else factor)
         try:
+            if switched and found is not None and found.solution is not None:
+                found = replace(found, shares=zoomed(found.solution) / found.solution.maneuver_time)
             found = minimum(problem, finer, found, near)
             count += found.programs
             if found.solution is None:

@@ -36,12 +36,14 @@ FIRST = {1: 7, 2: 4}  # samples of each parameter at first, by their number; 2 o
 FINE = {1: 401, 2: 41, 3: 15}  # places of each parameter at which a command is tried, by their number; 5 of more
 NEARER = {1: 9, 2: 5}  # values of each parameter around a local maximum, in a round that looks for its top; 3 of more
 ZOOMS, SHRUNK = 8, 3.0  # such rounds, and by what its neighbourhood shrinks in each
-EXCESS = 1e-7  # relative: a tolerance that is exceeded by less is left to the hair that the proof keeps inside
+EXCESS = 1e-4, 1e-6  # relative, first and last: a tolerance that is exceeded by less is left to the hair that the proof keeps inside
 ROUGH = 1e-3  # of α, before the first places are sought
 TOLERANCE = 1e-7  # of α: closer to the root is closer than the grid
+NEAR = 100  # times that: so close to the root worst places are sought
 SEEN = 1e-6  # of the tolerance: what a staircase stays below it
 ROUNDS = 60
 TIGHTER, MOST_INSIDE = 3.0, 0.01  # how a program's limits are tightened whose samples keep theirs at instants only, and how far
+STILL = 6  # programs with the same conditions: then the last one that reaches the target is the root, as far as the solver tells
 STALLS, BESIDE = 4, 1.0003  # how often the solver may give no answer, and how much longer a move is tried then
 NEARLY = {1: 0.99, 2: 0.99, 3: 0.9}  # of the tolerance: a local maximum of the grid so close to it is looked at more closely; 0.8 of more
 ALSO = {3: 0.998}  # of the tolerance: places of a coarse grid that are looked at too, with a higher one beside them; 0.995 of more
@@ -51,13 +53,17 @@ APART = 0.01  # of the range: tops that are closer together are one
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
-    """The problem with the samples that its box needs, where its residuals are limited, and the program's solution (None: no command)."""
+    """The problem with the samples that its box needs, where its residuals are limited, and the program's solution (None: no command).
+
+    `shares` are the instants of the grid as fractions of the move; None: as the settings ask for.
+    """
 
     problem: Problem
     looks: Looks
     solution: GridSolution | None
     below: GridSolution | None
     programs: int
+    shares: Reals | None = None
 
 
 def at_rest_at_once(posed: Problem) -> bool:
@@ -72,9 +78,10 @@ def at_rest_at_once(posed: Problem) -> bool:
 def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, guess: float | None = None) -> Sampled:
     """The root of α(T) = 1 with as many samples and instants as its command needs not to exceed the tolerance anywhere.
 
-    `near` is what was found of this problem, or one like it, before, `guess` a guess at its time [s]. Raises `SolverError`.
+    `near` is what was found of this problem, or one like it, before, on its grid if it has one of its own, `guess` a guess at its time [s].
+    Raises `SolverError`.
     """
-    box, count = posed.maneuver.box, 0
+    box, count, shares = posed.maneuver.box, 0, near.shares if near else None
     assert box is not None
     if near is None:
         posed = _with_samples(posed, [*box.samples, box.nominal, *box.places(FIRST.get(len(box.axes), 2))])
@@ -90,11 +97,12 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
     low, high, below = 0.0, math.inf, None
     solution: GridSolution | None = None
     tolerance = max(settings.tolerance, TOLERANCE)
-    stalls = 0
+    stalls = stage = still = 0
+    reached: GridSolution | None = None  # the shortest, with the same conditions
     for _ in range(ROUNDS):
         count += 1
         try:
-            solution = programs.solve(posing.build(posed, instants(posed, horizon, settings), looks))
+            solution = programs.solve(posing.build(posed, _instants(posed, horizon, settings, shares), looks))
         except SolverError:  # that stalls at one time seldom does so beside it
             stalls += 1
             if stalls > STALLS:
@@ -105,20 +113,29 @@ def minimum(posed: Problem, settings: Settings, near: Sampled | None = None, gue
             low, below = horizon, solution
         else:
             high = min(high, horizon)
-        close = 1.0 <= solution.fraction <= 1.0 + tolerance and solution.reaches
-        if over := exceeded(posed, solution):
-            looks, high = looks | over, math.inf  # with more conditions a time may be too short that was not before
-        elif abs(math.log(max(solution.fraction, 1e-300))) <= 100 * tolerance:
-            worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 + EXCESS)
-            more = _with_samples(posed, [*_samples(posed), *worst])
-            if len(_samples(more)) == len(_samples(posed)):
-                if close:
-                    break
-            else:
-                posed, looks, high = more, looks | _looks_of(posed, more), math.inf
+        while True:
+            wider, more, off = posed, looks | exceeded(posed, solution, 1.0 + EXCESS[stage]), abs(math.log(max(solution.fraction, 1e-300)))
+            near_root = off <= max(NEAR * tolerance, EXCESS[stage])
+            if more.count == looks.count and near_root:
+                worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 + EXCESS[stage])
+                wider = _with_samples(posed, [*_samples(posed), *worst])
+                more = looks | _looks_of(posed, wider)
+            if more.count > looks.count or not near_root or stage == len(EXCESS) - 1:
+                break
+            stage += 1
+        if more.count > looks.count:
+            posed, looks, high = wider, more, math.inf  # with more conditions a time may be too short that was not before
+            reached, still = None, 0
+        elif stage == len(EXCESS) - 1:
+            still += 1
+            if solution.reaches and (reached is None or solution.maneuver_time < reached.maneuver_time):
+                reached = solution
+            if reached is not None and (reached.fraction <= 1.0 + tolerance or still >= STILL):
+                solution = reached
+                break
         horizon = _following(solution, tolerance, low, high)
     assert solution is not None
-    return Sampled(posed, looks, solution, below, count)
+    return Sampled(posed, looks, solution, below, count, shares)
 
 
 def within(found: Sampled, beyond: float, settings: Settings) -> tuple[Sampled, bool]:
@@ -130,21 +147,21 @@ def within(found: Sampled, beyond: float, settings: Settings) -> tuple[Sampled, 
     assert found.solution is not None
     horizon, solution = found.solution.maneuver_time * (1.0 + beyond), found.solution
     for count in range(ROUNDS // 2):
-        solution = programs.solve(posing.build(posed, instants(posed, horizon, settings), looks, inside))
+        solution = programs.solve(posing.build(posed, _instants(posed, horizon, settings, found.shares), looks, inside))
         if not solution.reaches:
-            return Sampled(posed, looks, solution, found.below, count + 1), False
-        if over := exceeded(posed, solution, 1.0 - inside / 2):
-            looks |= over
+            return Sampled(posed, looks, solution, found.below, count + 1, found.shares), False
+        if (more_looks := looks | exceeded(posed, solution, 1.0 - inside / 2)).count > looks.count:
+            looks = more_looks
             continue
         worst = worst_places(posed, solution.program.instants, solution.levels / solution.fraction, 1.0 - hair)
         more = _with_samples(posed, [*_samples(posed), *worst])
         if len(_samples(more)) > len(_samples(posed)):
             posed, looks = more, looks | _looks_of(posed, more)
         elif not worst or inside > MOST_INSIDE:
-            return Sampled(posed, looks, solution, found.below, count + 1), not worst
+            return Sampled(posed, looks, solution, found.below, count + 1, found.shares), not worst
         else:  # several modes that last add up to more than they do at the instants that were found
             inside *= TIGHTER
-    return Sampled(posed, looks, solution, found.below, ROUNDS // 2), False
+    return Sampled(posed, looks, solution, found.below, ROUNDS // 2, found.shares), False
 
 
 def further(posed: Problem, solution: GridSolution, inside: float) -> Problem | None:
@@ -160,6 +177,10 @@ def keeps(posed: Problem, fixed: Repaired) -> bool:
     if posed.sloped:
         levels = np.append(levels[1:], posed.hold)
     return not worst_places(posed, np.append(fixed.starts, fixed.maneuver_time), levels, 1.0 - SEEN)
+
+
+def _instants(posed: Problem, horizon: float, settings: Settings, shares: Reals | None) -> Reals:
+    return instants(posed, horizon, settings) if shares is None else horizon * shares
 
 
 def _following(solution: GridSolution, tolerance: float, low: float, high: float) -> float:
