@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import copy
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
+import flint
 import pytest
 from corruption import at, nudge, numbers, put
-from forgery import changed, forged, number, opened, written
+from flint import fmpq
+from forgery import changed, forged, number, opened, task, written
 from problems import transfer
 
+from relaxations.checking import costs, lower
+from relaxations.checking.balls import System, system, work
 from relaxations.checking.claims import Outcome, check, claim
+from relaxations.checking.reading import PIECES, TASK, Malformed, Refuted, Undecided, shaped
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.onoff.weights import weighted
 from relaxations.plants import exact
@@ -198,3 +205,115 @@ def test_a_flexible_plant_is_checked_alike() -> None:
     assert check(found.certificate).outcome is Outcome.PROVED
     more = changed(found.certificate, lambda data: data["claim"].update(lower=written(number(data["claim"]["upper"]) * 1000001 / 1000000)))
     assert check(more).outcome in (Outcome.REFUTED, Outcome.INCONCLUSIVE)
+
+
+# One costate on one interval of times: D is a piecewise polynomial, its least value known in fractions where D' = 1 - σ(p) is 0.
+
+
+def integral(p: tuple[Fraction, Fraction], limits: tuple[Fraction, Fraction], price: Fraction, end: Fraction) -> Fraction:
+    """∫_0^end σ(p) for p = a + b s, exactly: σ is straight between its kinks."""
+    (low, high), (a, b) = limits, p
+    kinks = sorted({Fraction(0), end, *((x - a) / b for x in (price, -price) if 0 < (x - a) / b < end)})
+    total = Fraction(0)
+    for begin, after in pairwise(kinks):
+        middle = a + b * (begin + after) / 2
+        total += max(Fraction(0), high * (middle - price), low * (middle + price)) * (after - begin)
+    return total
+
+
+def least_of(
+    p: tuple[Fraction, Fraction], limits: tuple[Fraction, Fraction], price: Fraction, way: Fraction, times: tuple[Fraction, Fraction]
+) -> Fraction:
+    """The least D on an interval of times: at its ends, or where σ is 1."""
+    (low, high), (a, b) = limits, p
+    levels = [*([price + 1 / high] if high else []), *([-price + 1 / low] if low else [])]
+    inner = [(level - a) / b for level in levels if times[0] < (level - a) / b < times[1]]
+    return min(time + b * way - integral(p, limits, price, time) for time in (*times, *inner))
+
+
+@contextmanager
+def posed(of: dict[str, Any], bits: int = 128) -> Iterator[System]:
+    before, flint.ctx.prec, work["left"] = flint.ctx.prec, bits, 1e12
+    try:
+        yield system(shaped(of, TASK, "task"))
+    finally:
+        flint.ctx.prec = before
+
+
+def one_piece(begin: Fraction, end: Fraction, *coefficients: Fraction) -> Any:
+    chain = {"near": ["0", "0"], "coefficients": [[written(c), "0"] for c in coefficients]}
+    return shaped({"begin": written(begin), "end": written(end), "costate": [[chain]]}, PIECES[0], "piece")
+
+
+def proven(own: System, price: Fraction, pieces: Any, cost: Fraction) -> bool:
+    try:
+        costs.prove(own, fmpq(price.numerator, price.denominator), pieces, fmpq(cost.numerator, cost.denominator), lower.support)
+    except (Refuted, Undecided):
+        return False
+    return True
+
+
+@pytest.mark.parametrize("seed", range(80))
+def test_a_costate_proves_its_least_bound_on_an_interval_and_no_more(seed: int) -> None:
+    rng = random.Random(seed)
+    low, high = limits = rng.choice(
+        [
+            (Fraction(-1), Fraction(1)),
+            (Fraction(-1), Fraction(2)),
+            (Fraction(-2), Fraction(1, 2)),
+            (Fraction(0), Fraction(1)),
+            (Fraction(-3), Fraction(0)),
+        ]
+    )
+    a, b = p = Fraction(rng.randint(-12, 12), 4), Fraction(rng.choice([-3, -2, -1, 1, 2, 3]), rng.choice([1, 2, 4]))
+    price, begin = Fraction(rng.randint(1, 6), 4), rng.choice([Fraction(0), Fraction(rng.randint(1, 8), 3)])
+    end = begin + Fraction(rng.randint(1, 12), 3)
+    way = (1 if b > 0 else -1) * Fraction(rng.randint(8, 20), 3) / abs(b) + rng.randint(0, 3) * (1 if b > 0 else -1)
+    cost = least_of(p, limits, price, way, (begin, end))
+    if cost <= 0:
+        return
+    with posed(task(["1"], ["1", "0", "0"], written(way), limits=(written(low), written(high)))) as own:
+        exact, piece = fmpq(price.numerator, price.denominator), one_piece(begin, end, a, b)
+        less, more = cost * Fraction(997, 1000), cost + Fraction(1, 10**9)  # where a costate crosses its price a thousandth may be lost
+        costs.least(own, exact, piece, fmpq(less.numerator, less.denominator), lower.support)
+        with pytest.raises((Refuted, Undecided)):
+            costs.least(own, exact, piece, fmpq(more.numerator, more.denominator), lower.support)
+
+
+def test_where_a_bound_rises_all_the_way_its_begin_is_enough() -> None:
+    """|p| < α everywhere: σ = 0, D = T + λ d rises by 1 each second and is told from the cost even where they are equal, but for balls."""
+    with posed(task(["1"], ["1", "0"], "2")) as own:
+        for cost, fine in ((Fraction(3) - Fraction(1, 10**15), True), (Fraction(3) + Fraction(1, 10**15), False)):
+            pieces = [one_piece(Fraction(0), Fraction(2), Fraction(3, 2)), one_piece(Fraction(2), Fraction(4), Fraction(1, 2))]
+            assert proven(own, Fraction(2), pieces, cost) is fine
+        assert proven(own, Fraction(2), [one_piece(Fraction(0), Fraction(4), Fraction(3, 2))], Fraction(3) - Fraction(1, 10**9))
+        assert not proven(own, Fraction(2), [one_piece(Fraction(0), Fraction(4), Fraction(3, 2))], Fraction(4))
+
+
+def test_pieces_reach_the_cost() -> None:
+    """An integrator: 2 units take 2 s and cost 2 + 2 α = 6 at α = 2; p = 3 is the costate at which σ = 1, D = 6 for all times."""
+    with posed(task(["1"], ["1", "0"], "2")) as own:
+        for end, cost, fine in (
+            ("6", "5.999999", True),
+            ("5.99", "5.999999", False),
+            ("5.999999", "5.999999", True),
+            ("9", "5.999999", True),
+        ):
+            assert proven(own, Fraction(2), [one_piece(Fraction(0), Fraction(end), Fraction(3))], Fraction(cost)) is fine
+        assert not proven(own, Fraction(2), [one_piece(Fraction(0), Fraction(9), Fraction(3))], Fraction("6.000001"))
+        assert not proven(own, Fraction(2), [], Fraction(1, 10**9))
+        assert proven(own, Fraction(2), [], Fraction(0))
+        two = [one_piece(Fraction(0), Fraction(1), Fraction(3)), one_piece(Fraction(1), Fraction(7), Fraction(29, 10))]
+        assert not proven(own, Fraction(2), two, Fraction("5.999"))
+        assert proven(own, Fraction(2), two, Fraction("5.8"))
+
+
+def test_fuel_is_counted_segment_by_segment() -> None:
+    command: list[Any] = [fmpq(7), fmpq(0), fmpq(1), fmpq(3), fmpq(2), fmpq(-1, 2), fmpq(1, 3)]  # 1 s, 2 s, 4 s
+    with posed(task(["1"], ["1", "0"], "2")) as own:
+        assert costs.within(own, fmpq(3), command, 3).contains(fmpq(7) + 3 * (2 + 1 + fmpq(4, 3)))
+        assert costs.within(own, fmpq(1, 2), command[:1], 0) == 7
+    with posed(task(["1"], ["1", "1"], "1/2")) as own, pytest.raises(Malformed, match="rests without input"):
+        costs.within(own, fmpq(3), command, 3)
+    with posed(task(["1"], ["1", "1"], "1/2")) as own, pytest.raises(Malformed, match="rests without input"):
+        costs.prove(own, fmpq(3), [], fmpq(0), lower.support)

@@ -106,6 +106,14 @@ def test_pulses_without_a_width_may_last_no_time() -> None:
     assert verdict(of, "0.999999999", end(1, widths=[0, 0])) is Outcome.PROVED
     assert verdict(of, "1", end(1, widths=[0, 0])) is not Outcome.PROVED
     assert verdict(of, "0.9", NONE, end(1, widths=[0]), end(1, widths=[0, 0])) is not Outcome.PROVED
+    assert verdict(of, "0.49", end(1, widths=[1, 1])) is Outcome.PROVED  # prices of no width are a loss
+    assert verdict(of, "0.51", end(1, widths=[1, 1])) is not Outcome.PROVED
+
+
+def test_a_costate_without_trees_needs_no_pulses() -> None:
+    for of in (task(["1"], ["1", "0"]), SLOW):
+        plain = costate((("0", "0"), [("1", "0")]))
+        assert check(certificate(of, lower="0.999", witnesses=({**plain, "pulses": []}, None))).outcome is Outcome.PROVED
 
 
 def test_a_budget_of_fuel_counts_in_every_part() -> None:
@@ -330,6 +338,37 @@ def test_edges_that_are_no_dyadic_numbers_count_outwards(seed: int) -> None:
         with posed(task(["1"], ["1", "0", "0"], written(way), pulse_width="1/3"), 40) as own:
             one = shaped(leaf(*p, widths=prices), LEAF, "leaf")
             assert pulses.refuted(own, box, one, exactly(time), lower.support) is beyond
+
+
+SHIFTED = [(F(k), F(k), F(3 * k + 1, 3), F(3 * k + 1, 3)) for k in (0, 1, 2)]  # the edges of three pulses of 1/3 s
+EARLIER = [(F(3 * k + 2, 3), F(3 * k + 2, 3), F(k + 1), F(k + 1)) for k in (0, 1, 2)]
+OPEN = [(a, d, a, d) for a, _, _, d in SHIFTED]  # nowhere certain
+
+
+@pytest.mark.parametrize("edges", [SHIFTED, EARLIER, OPEN, [(a, d, a, d) for a, _, _, d in EARLIER]])
+@pytest.mark.parametrize(("bits", "late"), [(30, 0), (53, 0), (30, 2**12), (40, 2**20)])
+def test_edges_in_balls_never_add_up_to_less(edges: list[Four], bits: int, late: int) -> None:
+    """Three thirds are 1: what is admitted is at least that long, and what is certain at most; late instants have wide balls."""
+    edges = [(a + late, b + late, c + late, d + late) for a, b, c, d in edges]
+    box = tuple(pulses.Range((exactly(a), exactly(b)), (exactly(c), exactly(d)), 1) for a, b, c, d in edges)
+    for side, sure in ((1, False), (-1, True)):
+        if sure and edges[0][1] > edges[0][2]:
+            continue
+        for hair, beyond in ((F(0), False), (F(1, 2**10), True)):
+            way = F(1) + side * hair
+            with posed(task(["1"], ["1", "0"], written(way), pulse_width="1/3"), bits) as own:
+                one = shaped(leaf(side, widths=[0, 0, 0]), LEAF, "leaf")
+                assert pulses.refuted(own, box, one, fmpq(4 + late), lower.support) is beyond
+
+
+@pytest.mark.parametrize("bits", [24, 30, 40, 53, 60])
+def test_the_end_of_the_time_is_not_cut_off(bits: int) -> None:
+    """1/3 s at the beginning, 2/3 s at the end of 1 + 2/3 s."""
+    box = tuple(pulses.Range((exactly(a), exactly(b)), (exactly(a), exactly(b)), 1) for a, b in ((F(0), F(1, 3)), (F(1), F(5, 3))))
+    for way, beyond in ((F(1), False), (1 + F(1, 2**16), True)):
+        with posed(task(["1"], ["1", "0"], written(way), pulse_width="1/3"), bits) as own:
+            one = shaped(leaf(1, widths=[0, 0]), LEAF, "leaf")
+            assert pulses.refuted(own, box, one, fmpq(5, 3), lower.support) is beyond
 
 
 # Boxes and their halves.
