@@ -83,10 +83,14 @@ class Motion:
     poles: list[acb_series]
     sizes: list[acb_series]
 
-    def course(self, span: arb) -> acb_series:
-        """`Σ Z_j e^{p_j τ}` for the instants of a ball."""
-        spend(8 * len(self.poles))
-        return sum((size * (pole * span).exp() for pole, size in zip(self.poles, self.sizes, strict=True)), acb_series([0]))
+    def course(self, span: arb, turned: dict[int, acb_series]) -> acb_series:
+        """`Σ Z_j e^{p_j τ}` for the instants of a ball; e^{p_j τ} once for every series, by its identity."""
+        spend(3 * len(self.poles))
+        for pole in self.poles:
+            if id(pole) not in turned:
+                spend(5)
+                turned[id(pole)] = (pole * span).exp()
+        return sum((size * turned[id(pole)] for pole, size in zip(self.poles, self.sizes, strict=True)), acb_series([0]))
 
 
 def motion(plants: Written | Moved, kicks: Kicks, line: Line, starts: Sequence[acb], flexible: Sequence[bool]) -> Motion:
@@ -99,12 +103,48 @@ def motion(plants: Written | Moved, kicks: Kicks, line: Line, starts: Sequence[a
 
 
 @dataclass(frozen=True, slots=True)
+class Terms:
+    """Of Taylor's formula about the centre of a cell: (b_q, c_q) of b t_q + c t_q², x_qk of x t_q t_k, |t| ≤ 1, and |f_3|."""
+
+    single: list[tuple[acb, acb]]
+    mixed: list[acb]
+    last: arb
+
+    @property
+    def all(self) -> list[acb]:
+        """One after the other, but for the last."""
+        return [*(term for pair in self.single for term in pair), *self.mixed]
+
+    def above(self, side: int) -> arb:
+        """At most what the real parts add, or, on the `side` -1, take away."""
+        total = sum((abs(term.real) for term in self.mixed), arb(0))
+        return sum((highest(abs(b.real), side * c.real) for b, c in self.single), total)
+
+    @staticmethod
+    def sum(several: Sequence[Terms]) -> Terms:
+        """Of a sum of functions, but for the last."""
+        pairs = zip(*(terms.single for terms in several), strict=True)
+        single = [(sum((b for b, _ in pair), acb(0)), sum((c for _, c in pair), acb(0))) for pair in pairs]
+        return Terms(single, [sum(parts, acb(0)) for parts in zip(*(terms.mixed for terms in several), strict=True)], arb(0))
+
+
+def highest(slope: arb, bend: arb) -> arb:
+    """At least `slope t + bend t²` for all |t| ≤ 1, for slopes and bends of balls: it has its top where t = slope/(-2 bend), if that is
+    in there."""
+    b, c = slope.upper(), bend.upper()
+    if c < 0 and b < -2 * c:
+        return b * b / (-4 * c)
+    return b + c
+
+
+@dataclass(frozen=True, slots=True)
 class Around:
     """Motions about the centre c of a cell: a function f of the place obeys there, with the half widths ρ of the cell,
 
-        |f - f(c)| ≤ Σ_q |∂_q f(c)| ρ_q + Σ_q |∂_qq f(c)|/2 ρ_q² + Σ_{q<k} |∂_qk f(c)| ρ_q ρ_k + |f_3|,
+        f - f(c) = Σ_q (∂_q f(c) ρ_q t_q + ∂_qq f(c)/2 ρ_q² t_q²) + Σ_{q<k} ∂_qk f(c) ρ_q ρ_k t_q t_k + f_3,    |t_q| ≤ 1,
 
-    where f_3 is the third term of f along any line through any place of the cell, in directions within ±ρ (Taylor's formula).
+    where f_3 is the third term of f along any line through any place of the cell, in directions within ±ρ (Taylor's formula). Of a real f
+    the first sum is largest where each of its terms is (`highest`): nothing is lost where f has its top within the cell.
     """
 
     ways: dict[tuple[int, int], Motion]  # from the centre, along a parameter (q, q) or two of them at once
@@ -131,15 +171,15 @@ class Around:
         """At the centre, along some way."""
         return next(iter(self.ways.values()))
 
-    def terms(self, along: Callable[[Way, Motion], acb_series]) -> tuple[list[acb], arb]:
-        """The terms of Taylor's formula about the centre, at most: derivatives times half widths, in a fixed order; and |f_3|."""
-        lines, found = {way: along(way, motion) for way, motion in self.ways.items()}, []
+    def terms(self, along: Callable[[Way, Motion], acb_series]) -> Terms:
+        """The terms of Taylor's formula about the centre."""
+        lines, single, mixed = {way: along(way, motion) for way, motion in self.ways.items()}, [], []
         for (q, k), own in lines.items():
             if q == k:
-                found += [own[1] * self.radii[q], own[2] * self.radii[q] ** 2]
+                single.append((own[1] * self.radii[q], own[2] * self.radii[q] ** 2))
             else:
-                found.append((own[2] - lines[q, q][2] - lines[k, k][2]) * self.radii[q] * self.radii[k])
-        return found, abs(along((), self.whole)[3])
+                mixed.append((own[2] - lines[q, q][2] - lines[k, k][2]) * self.radii[q] * self.radii[k])
+        return Terms(single, mixed, abs(along((), self.whole)[3]))
 
     def bends(self) -> list[float]:
         """How much of the second order of the motions each parameter has its part in, roughly: where a cell is best halved."""
@@ -151,10 +191,11 @@ class Around:
                 parts[q], parts[k] = parts[q] + size, parts[k] + size
         return parts
 
-    def drift(self, span: arb) -> arb:
-        """How far r(τ) is from what it is at the centre, in the cell, for the instants of a ball."""
-        terms, last = self.terms(lambda _, motion: motion.course(span))
-        return sum((abs(term.real) for term in terms), last)
+    def drift(self, span: arb) -> tuple[arb, arb]:
+        """How far r(τ) is below and above what it is at the centre, in the cell, for the instants of a ball."""
+        turned = dict[int, acb_series]()
+        terms = self.terms(lambda _, motion: motion.course(span, turned))
+        return terms.above(-1) + terms.last, terms.above(1) + terms.last
 
     def moduli(self) -> tuple[arb, list[arb]]:
         """`Σ |Z_j|` over the cell, and each by itself, at most.
@@ -162,10 +203,10 @@ class Around:
         With the real part x_j and the imaginary part y_j of `Z_j e^{-j(α_j + β_j (θ - c))}`, where y_j and its slopes are 0 at the centre,
         |Z_j| ≤ x_j + y_j²/(2 x_j). Of the x_j the terms at the centre are summed before their sizes are taken.
         """
-        bound, each, together = arb(0), [], [acb(0)] * len(self.terms(lambda _, motion: motion.poles[0])[0])
+        bound, each, together = arb(0), [], list[Terms]()
         for j, size in enumerate(self.middle.sizes):
-            start, (terms, last) = size[0], self.terms(lambda _, motion, j=j: motion.sizes[j])
-            each.append(sum((abs(term) for term in terms), abs(start) + last))
+            start, plain = size[0], self.terms(lambda _, motion, j=j: motion.sizes[j])
+            each.append(sum((abs(term) for term in plain.all), abs(start) + plain.last))
             if not 3 * abs(start) > 2 * each[j]:  # so near 0 it has no direction
                 bound += each[j]
                 continue
@@ -177,15 +218,15 @@ class Around:
                 speeds = [rates[q] for q in set(way)] if way else [b * arb(0, r.upper()) for b, r in zip(rates, self.radii, strict=True)]
                 return motion.sizes[j] * turn * acb_series([0, acb(0, -sum(speeds, arb(0)))]).exp()
 
-            terms, last = self.terms(turned)
-            x, y = (sum((abs(part) for part in parts), last) for parts in ([t.real for t in terms], [t.imag for t in terms]))
+            terms = self.terms(turned)
+            x, y = (sum((abs(part) for part in parts), terms.last) for parts in ([t.real for t in terms.all], [t.imag for t in terms.all]))
             if abs(start) - x > 0:
                 across = y * y / (2 * (abs(start) - x))
-                each[j], bound = abs(start) + x + across, bound + abs(start) + last + across
-                together = [one + other for one, other in zip(together, terms, strict=True)]
+                each[j], bound = abs(start) + x + across, bound + abs(start) + terms.last + across
+                together.append(terms)
             else:
                 bound += each[j]
-        return bound + sum((abs(term.real) for term in together), arb(0)), each
+        return bound + Terms.sum(together).above(1), each
 
 
 def in_time(around: Around, sizes: Sequence[arb], flexible: Sequence[bool], below: arb, above: arb) -> bool | None:
@@ -205,20 +246,19 @@ def in_time(around: Around, sizes: Sequence[arb], flexible: Sequence[bool], belo
         if far > 1e4 * quick:
             return False
     count = int(float(far / quick)) + 1
-    waiting = [(far * k / count, far * (k + 1) / count) for k in range(count)]
+    edges = [far * k / count for k in range(count + 1)]
+    waiting = sorted(((a, b, *wave.over(a, b)) for a, b in pairwise(edges)), key=lambda piece: float(abs(piece[3]).mid()))  # largest last
     for _ in range(400 + 4 * count):
         if not waiting:
             return True
-        a, b = waiting.pop()
-        c, value, _, values = wave.over(a, b)
-        span = a.union(b)
-        drift = around.drift(span)
-        if values + drift <= above and values - drift >= -below:
+        a, b, c, value, _, values = waiting.pop()
+        down, up = around.drift(a.union(b))
+        if values + up <= above and values - down >= -below:
             continue
         if value > above or value < -below:
             return None
-        drift = around.drift(c)
-        if not (a < c < b and value + drift <= above and value - drift >= -below):
+        down, up = around.drift(c)
+        if not (a < c < b and value + up <= above and value - down >= -below):
             return False  # at this instant, which a shorter piece would not help
-        waiting += [(a, c), (c, b)]
+        waiting += [(s, t, *wave.over(s, t)) for s, t in ((a, c), (c, b))]
     return False
