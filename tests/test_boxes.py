@@ -63,6 +63,7 @@ def test_a_damped_mode_needs_no_circle():
     assert found.lower == pytest.approx(4.1126, abs=6e-4)
 
 
+@pytest.mark.slow
 def test_two_parameters():
     axes = axis("stiffness", "0.1"), axis("mass_2", "0.1")
     found = robust("1", "0.05", *axes)

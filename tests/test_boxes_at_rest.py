@@ -198,6 +198,7 @@ def test_a_list_of_other_plants_is_another_claim():
     assert forged(content, lambda d: d["task"]["box"]["plants"].append(d["task"]["box"]["plants"][0])) is Outcome.MALFORMED
 
 
+@pytest.mark.slow
 def test_an_fmu_without_a_twin_is_known_at_its_samples_only(tmp_path: Path):
     """Linearised one by one in child processes: the same plants, but for rounding, as the twin's, and no claim about those between."""
     study = tmp_path / "study.toml"

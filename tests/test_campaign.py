@@ -188,6 +188,7 @@ def evidence(folder: Path) -> dict[str, str]:
     return {path: digest for pattern in EVIDENCE for path, digest in digests(folder, pattern).items()}
 
 
+@pytest.mark.slow
 def test_the_evidence_has_the_same_bytes_for_any_number_of_workers(uninterrupted: tuple[Path, Path], tmp_path: Path) -> None:
     file, folder = uninterrupted
     verify(load_study(file), tmp_path / "out", jobs=3)

@@ -120,6 +120,7 @@ def test_no_task_is_impossible_for_a_final_error_that_it_has_not() -> None:
 LONG = "1." + "3" * 1990
 
 
+@pytest.mark.slow
 def test_hostile_boxes_are_given_up() -> None:
     """Sixty-fourth powers of a number of 2,000 digits, in a thousand terms; a thousand plants of fifty poles; plants with long numbers."""
     sums = terms(*[("1", 64)] * 200, *[("-1", 64)] * 200, ("1", 0))

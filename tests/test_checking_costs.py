@@ -50,6 +50,7 @@ def true(data: dict[str, Any]) -> bool:
     return (lower is None or number(lower) ** 2 <= least) and (upper is None or number(upper) ** 2 >= least)
 
 
+@pytest.mark.slow
 def test_the_certificate_is_accepted_and_says_what_it_is_about() -> None:
     found = check(original())
     assert found.outcome is Outcome.PROVED

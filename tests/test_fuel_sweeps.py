@@ -219,6 +219,7 @@ def test_the_form_is_held_where_the_fastest_command_is_not_of_it(tmp_path: Path)
 # Without a word about the range, and plants of other kinds.
 
 
+@pytest.mark.slow
 def test_the_range_of_budgets_is_what_the_kinds_burn(tmp_path: Path) -> None:
     record = json.loads(run(study_file(tmp_path, limit="fuel = 3.75"), "--points", 2, "--kind", "zv", "--no-held", "--json").stdout)
     fuels = [p["fuel"] for p in record["curves"][0]["points"]]

@@ -115,6 +115,7 @@ def test_an_independent_program_agrees_on_both_sides() -> None:
     assert max(fraction("spring", 5.0, upper * 1.002, change, 240) for change in (110, 120, 130)) >= 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", [("-2", "1"), slow(("-1", "1")), slow(("-0.5", "1"))])
 def test_damped_plants_and_limits_that_differ(limits: tuple[str, str]) -> None:
     found = bound("damped", "2", None, 0, limits)

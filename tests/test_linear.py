@@ -86,6 +86,7 @@ def test_the_object_holds_what_the_matrices_say() -> None:
     assert found["error"] < 1e-14
 
 
+@pytest.mark.slow
 def test_an_identified_plant_says_so(tmp_path: Path) -> None:
     silent = steps_only(build("two_mass"), tmp_path / "silent.fmu")
     found = record(silent, "--input", "force", "--output", "spring", "--set", "damping=0.02")
@@ -199,6 +200,7 @@ def test_a_study_says_how_its_plant_is_linearised(tmp_path: Path, pendulum: Path
     assert any("by finite differences" in note for note in plants["settle = 15", "auto"])
 
 
+@pytest.mark.slow
 def test_a_twin_is_left_aside_if_the_study_asks(tmp_path: Path) -> None:
     plant = (
         '[plant]\nfmu = "two_mass"\ninput = "force"\noutput = "position_2"\n{}\n[maneuver]\ndisplacement = 5\n[limits]\ninput = [-1, 1]\n'

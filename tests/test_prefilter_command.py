@@ -40,6 +40,7 @@ def found(*words: object) -> dict[str, Any]:
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_the_published_filters(study: Path) -> None:
     nominal = found(study, "--delays", 1, "--form", "last+step")
     assert nominal["duration"] == pytest.approx(2.3672493903, abs=DIGITS)

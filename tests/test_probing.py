@@ -143,6 +143,7 @@ def test_the_shipped_plant_by_all_methods(version: str, tmp_path: Path, worker: 
         assert (plant.rigid_order, plant.is_unstable, plant.numerators["position_2"].degree()) == (2, False, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("torque", "variable"), first(1, [(4.905, True), (4.905, False), (0.0, True), (0.0, False)]))
 def test_a_pendulum_at_two_operating_points(torque: float, variable: bool, tmp_path: Path, worker: Worker) -> None:
     """s² + f s + g cos θ_0, and the output cos θ_0 θ; non-linear, so that responses are odd parts of small ones."""
@@ -173,6 +174,7 @@ def test_a_plant_that_does_not_rest_is_refused(tmp_path: Path, worker: Worker) -
         linearize(pendulum(tmp_path), "u", "y", initial_input=4.905, settle=2.0, worker=worker)
 
 
+@pytest.mark.slow
 def test_an_unstable_operating_point_is_looked_at_shortly(tmp_path: Path, worker: Worker) -> None:
     found = linearize(pendulum(tmp_path), "u", "y", initial_state={"angle": math.pi}, worker=worker)
     assert distance(found, [complex(p) for p in np.roots([1.0, 0.4, -9.81])]) < 1e-5

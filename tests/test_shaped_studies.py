@@ -167,6 +167,7 @@ def test_the_evidence_says_what_is_proven_and_stands_the_review(evidence: Path):
     assert "the fastest move of the rigid part, which takes 6.32456 s," in page
 
 
+@pytest.mark.slow
 def test_an_fmu_of_one_step_size_asks_for_a_shaper_on_its_samples(tmp_path: Path):
     text = (SHIPPED / "gantry_crane_shaped.toml").read_text()
     (tmp_path / "study.toml").write_text(text.replace('shaper = "zvd"', 'shaper = "zvd"\nsample_time = 0.01'))

@@ -54,6 +54,7 @@ def test_beyond_its_end_one_hump_is_the_zv_shaper_whose_highest_residual_is_at_t
     assert found.ripple < 0.05
 
 
+@pytest.mark.slow
 def test_where_one_hump_ends_and_that_it_is_continuous_there():
     """The end: ZV's own hump is as high as the tolerance."""
     tolerance = 0.05
@@ -144,6 +145,7 @@ def test_the_worst_case_of_many_impulses_encloses_that_of_a_fine_sample(count: i
         assert found.lower <= seen * (1 + 2e-3)  # of the sample's own distance from the peak
 
 
+@pytest.mark.slow
 def test_nearly_nothing_is_proven_of_sequences_in_which_everything_cancels():
     """(N + 1)-fold zeros: 61 impulses over a band, within a thousand cells."""
     shaper = derivative_shaper(Mode(1.0, 0.05), 60)

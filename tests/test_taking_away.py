@@ -113,6 +113,7 @@ def test_options_reach_the_fmu(files: Path, tmp_path: Path) -> None:
         assert "modelIdentifier" in archive.read("sources/buildDescription.xml").decode()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", first(1, ["3", "2"]))
 def test_a_unit_is_defined_in_the_fmu(files: Path, tmp_path: Path, fmi: str) -> None:
     """By its exponents, factor and offset, which FMPy reads."""

@@ -71,6 +71,7 @@ def pulses(found: Bound, width: float) -> Command:
     return command
 
 
+@pytest.mark.slow
 def test_one_command_for_every_plant_of_a_box() -> None:
     found = spring()
     command = pulses(found, 0.37)

@@ -158,6 +158,7 @@ def test_without_a_box_there_are_tolerances_only_and_they_are_the_box_of_width_z
     assert "nothing that --widths could widen" in refused.stderr
 
 
+@pytest.mark.slow
 def test_what_is_impossible_or_no_task_is_shown_as_such(tmp_path: Path) -> None:
     """With another mass the load rests elsewhere, whatever the command: more than 5 % off beyond ± 10 %."""
     study = study_file(tmp_path, "mass_2", "0.8, 1.2", command="final_tolerance = 0.05")

@@ -127,6 +127,7 @@ def test_plants_by_numpy_keep_the_tolerance(name: str, ranges: Ranges):
     assert max(errors) <= 1e-9
 
 
+@pytest.mark.slow
 def test_a_final_tolerance_is_always_kept():
     """The gain at rest stays what it is."""
     assert tolerant("block", FREQUENCY, "0.5", final="0.000001").status is Status.PROVED

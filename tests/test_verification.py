@@ -102,6 +102,7 @@ def test_junit_has_a_case_for_each_requirement(verified: Path) -> None:
     assert not [child for case in cases for child in case if child.tag in ("failure", "error", "skipped")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmu", ["two_mass.fmi2", slow("two_mass.fmi3")])  # the latter is what `two_mass` means
 def test_fmi_2_and_3_of_the_plant_give_the_same_results(tmp_path: Path, fmu: str, verified: Path) -> None:
     text = (SHIPPED / "two_mass.toml").read_text().replace('fmu = "two_mass"', f'fmu = "{fmu}"')
@@ -138,6 +139,7 @@ def test_a_limit_within_the_numerical_error_is_undecided(tmp_path: Path) -> None
 # Which logs are kept
 
 
+@pytest.mark.slow
 def test_by_default_the_nominal_log_and_the_worst_are_kept(tmp_path: Path) -> None:
     verify(load_study(small_study(tmp_path, samples=5)), tmp_path / "out")
     worst = next(entry["worst_run"] for entry in results(tmp_path / "out")["requirements"] if entry["id"] == "RESIDUAL")

@@ -150,6 +150,7 @@ def test_an_fmu_that_does_not_name_its_step_needs_one(tmp_path: Path) -> None:
     assert results(tmp_path / "out")["grid"]["step"] == 0.1
 
 
+@pytest.mark.slow
 def test_an_fmu_for_model_exchange_only_is_verified(tmp_path: Path) -> None:
     fmu = build_event_plant(tmp_path, "FUSSY", "2.0", "ModelExchange")
     done = run("verify", oscillator(tmp_path, fmu), "--out", tmp_path / "out")

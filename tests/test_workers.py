@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fault_plants import FAULT_TIME, FAULTS, build_fault
+from marks import in_turn
 
 from fmus import workers
 from fmus.build import build
@@ -186,8 +187,7 @@ EXPECTED = {
 }
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-@pytest.mark.parametrize("fault", sorted({*FAULTS} - {"flood", "fixed_step", "leak", "fill"}))
+@pytest.mark.parametrize(("fault", "version"), in_turn(sorted({*FAULTS} - {"flood", "fixed_step", "leak", "fill"}), ("3.0", "2.0")))
 def test_every_fault_is_a_status_and_the_next_run_is_healthy(fault: str, version: str, folders: Path) -> None:
     timeout = 0.7 if fault == "hang" else PATIENCE
     with Worker() as worker:
