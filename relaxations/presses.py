@@ -21,18 +21,21 @@ Reals = NDArray[np.float64]
 
 PRICED = 1e-9  # of the largest multiplier of a course: smaller ones are what an interior-point method leaves anywhere
 REACH = 2.5  # cells between two prices of a limit that holds all the while
+TOUCH, NARROW = 0.99, 1e-3  # share of the weight of neighbours that is nearly all; of a cell: so near that it makes no difference
 CHUNK = 1_000_000  # responses that are looked at together
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)  # of a multiplier that is spread over a cell
 
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """The multiplier `weight` of a limit on the output of a course, spread evenly over the times to go from `begin` to `end` [s]."""
+    """The multiplier `weight` of a limit on the output of a course, spread evenly over the times to go from `begin` to `end` [s]; `at` is
+    the one that the program had it for."""
 
     course: Course
     begin: float
     end: float
     weight: float
+    at: float
 
     def freely(self, horizons: Reals) -> Reals:
         """What it is worth that the course does not begin at rest, for moves of these durations [s]."""
@@ -90,7 +93,7 @@ def presses(courses: Sequence[Course], places: Reals, multipliers: Reals, instan
         if not spread:
             before, after = 0.0 * before, 0.0 * after
         found += [
-            Press(course, max(float(s - a), 0.0), float(s + b), float(weight))
+            Press(course, max(float(s - a), 0.0), float(s + b), float(weight), float(s))
             for s, a, b, weight in zip(to_go, before, after, weights, strict=True)
         ]
     return tuple(found)
@@ -100,17 +103,36 @@ def smoothed(pressed: Sequence[Press]) -> tuple[Press, ...]:
     """Prices of a limit that holds all the while, averaged over neighbours (1, 2, 1)/4: a grid's alternate from cell to cell where its
     command can bring an output back to its limit only in every second one. Any prices are valid."""
     found: list[Press] = []
-    runs: list[list[Press]] = []
-    for press in sorted(pressed, key=lambda one: (one.course.name, one.course.place or (), one.begin)):
-        before = runs[-1][-1] if runs else None
-        joined = before is not None and before.course is press.course and press.begin - before.end <= 1e-9 * press.end
-        runs[-1].append(press) if joined else runs.append([press])
-    for run in runs:
+    for run in _runs(pressed):
         weights = np.array([press.weight for press in run])
         around = np.concatenate([weights[:1], weights, weights[-1:]])
         averaged = (around[:-2] + 2 * weights + around[2:]) / 4
         found += [replace(press, weight=float(weight)) for press, weight in zip(run, averaged, strict=True)]
     return tuple(found)
+
+
+def touching(pressed: Sequence[Press]) -> tuple[Press, ...]:
+    """Prices with those of a limit that is touched, not held, at an instant: where one of neighbours has nearly all their weight it acts
+    at its own time to go, or so near that it makes no difference, and not over a cell."""
+    found: list[Press] = []
+    for run in _runs(pressed):
+        largest = max(run, key=lambda press: abs(press.weight))
+        if abs(largest.weight) < TOUCH * sum(abs(press.weight) for press in run):
+            found += run
+            continue
+        near = NARROW * (largest.end - largest.begin)
+        found.append(replace(largest, begin=max(largest.at - near, 0.0), end=largest.at + near))
+    return tuple(found)
+
+
+def _runs(pressed: Sequence[Press]) -> list[list[Press]]:
+    """Neighbours, which meet, together."""
+    runs: list[list[Press]] = []
+    for press in sorted(pressed, key=lambda one: (one.course.name, one.course.place or (), one.begin)):
+        before = runs[-1][-1] if runs else None
+        joined = before is not None and before.course is press.course and press.begin - before.end <= 1e-9 * press.end
+        runs[-1].append(press) if joined else runs.append([press])
+    return runs
 
 
 def _joined(to_go: Reals, weights: Reals, cells: NDArray[np.intp]) -> tuple[Reals, Reals]:

@@ -21,7 +21,7 @@ from relaxations.commands import Command, Segment, Tail
 from relaxations.duality import Costate, lower_bound, slid
 from relaxations.errors import SolverError
 from relaxations.maneuvers import Problem
-from relaxations.presses import smoothed
+from relaxations.presses import smoothed, touching
 from relaxations.prices import Prices
 from relaxations.refinement import Extremal
 from relaxations.repair import SNAP, Repaired, exact, repair
@@ -179,12 +179,15 @@ def _variants(problem: Problem, dual: Extremal | programs.GridSolution | Costate
         return
     cell = float(np.diff(dual.program.instants).max())
     smooth = replace(dual.prices, pressed=smoothed(dual.prices.pressed)) if dual.prices.pressed else dual.prices
+    touched = replace(dual.prices, pressed=touching(dual.prices.pressed)) if dual.prices.pressed else dual.prices
     if dual.prices.pressed:
         yield smooth
+        yield touched
     if dual.prices.ramps:
         yield slid(*whole, dual.maneuver_time, dual.prices, cell)
     if dual.prices.ramps and dual.prices.pressed:
         yield slid(*whole, dual.maneuver_time, smooth, cell)
+        yield slid(*whole, dual.maneuver_time, touched, cell)
 
 
 def landed(problem: Problem, task: dict[str, Any], solution: programs.GridSolution, snap: float = SNAP) -> Proof | None:
