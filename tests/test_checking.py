@@ -179,6 +179,7 @@ def test_impossible_tasks(posed: dict[str, Any], criterion: str, expected: Outco
         (["1", "3"], ["1", "0.4", "1"], "3", {"initial_state": ["1", "0"]}, Outcome.INCONCLUSIVE),
         (["3"], ["1", "0.4", "1"], "3", {}, Outcome.INCONCLUSIVE),  # without a zero it comes from within
         (["-1", "3"], ["1", "0.4", "1"], "3", {}, Outcome.INCONCLUSIVE),  # right of the origin: it begins the other way
+        (["-6", "3"], ["1", "0.4", "1"], "3", {}, Outcome.INCONCLUSIVE),  # and at 1/2, too
         (["3", "6", "6"], ["1", "1.4", "1.4", "1"], "3", {}, Outcome.INCONCLUSIVE),  # a pair of zeros: takes 3.19 s from 0 to 6
         (["1", "3"], ["1", "3.4", "2.2", "3"], "3", {}, Outcome.INCONCLUSIVE),  # the pole at -3 is the zero
         (["1", "6", "9"], ["1", "3.4", "2.2", "3"], "3", {}, Outcome.PROVED),  # a double zero, of which one is left
@@ -200,6 +201,8 @@ def test_whose_overshoot_it_is() -> None:
     assert outcome(certificate(led, impossible="overshoot")) is Outcome.PROVED
     speed = task(["1"], ["1", "0", "0"], deflection={"speed": "1"}, outputs={"speed": ["1", "0"]})
     assert outcome(certificate(speed, impossible="overshoot")) is Outcome.INCONCLUSIVE
+    both = {"deflection": {"a_speed": "1", "led": "1"}, "outputs": {"a_speed": ["1", "0"], "led": ["0.5", "1"]}}
+    assert outcome(certificate(task(["1"], ["1", "0", "0"], **both), impossible="overshoot")) is Outcome.PROVED
 
 
 @pytest.mark.parametrize("known", PROBLEMS, ids=lambda known: known.name)

@@ -372,3 +372,15 @@ def test_boxes_in_words() -> None:
         "  y(∞) is the target in the nominal plant, within 1/2 of the displacement of it in the others, and no plant keeps drifting."
         in text
     )
+
+
+def test_coefficients_over_a_cell_about_zero_are_numbers() -> None:
+    """The first cell of a parameter that is a deviation."""
+    whole = members.valued(((fmpq(2), (3, 0)), (fmpq(1), (1, 2)), (fmpq(1), (0, 0))), [arb(0, 0.5), arb(-3, 0.25)])
+    for x in (-0.5, 0.0, 0.5):
+        for y in (-3.25, -2.75):
+            assert arb(whole).contains(
+                fmpq(*x.as_integer_ratio()) ** 3 * 2 + fmpq(*x.as_integer_ratio()) * fmpq(*y.as_integer_ratio()) ** 2 + 1
+            )
+    assert arb(whole).rad() < 7
+    assert arb(members.valued(((fmpq(1), (2, 0)),), [arb(0, 0.5), arb(-3, 0.25)], 0)).contains(fmpq(1))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from flint import arb, fmpq, fmpq_poly
+from flint import acb, arb, fmpq, fmpq_poly
 
 from relaxations.checking.balls import spend
 from relaxations.checking.reading import MOVED, Refuted, Undecided, require
@@ -45,7 +45,8 @@ def valued(terms: Any, place: Numbers, derivative: int | None = None) -> arb | f
                 factor, power = factor * power, max(power - 1, 0)
             if isinstance(value, fmpq) and value.height_bits() * power > LONGEST_POWER:
                 raise Undecided("powers of a parameter are too long")
-            factor = factor * value**power if power else factor
+            if power:  # of a ball about 0 itself the power is no number, of a complex one it is
+                factor = factor * ((acb(value) ** power).real if isinstance(value, arb) else value**power)
         spend(1 + len(powers) + (factor.height_bits() / 50 if isinstance(factor, fmpq) else 0))
         total = total + factor
     return total
