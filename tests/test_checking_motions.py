@@ -19,7 +19,7 @@ from forgery import task
 from relaxations.checking.balls import work
 from relaxations.checking.families import Moved, family
 from relaxations.checking.members import laid
-from relaxations.checking.motions import Around, Kicks, in_time
+from relaxations.checking.motions import Around, Kicks, highest, in_time
 from relaxations.checking.reading import TASK, Undecided, shaped
 
 Polynomial = list[list[Any]]
@@ -195,11 +195,25 @@ def test_motions_of_a_cell_hold_those_of_all_its_plants(of: str, order: int, see
                 span = arb(fmpq(begin.numerator, begin.denominator)).union(
                     arb(fmpq((begin + length).numerator, (begin + length).denominator))
                 )
-                drift = float(around.drift(span).upper())
+                down, up = (float(side.upper()) for side in around.drift(span))
                 for t in (begin, begin + length / 2, begin + length):
                     now, then = (sum((z * np.exp(p * float(t))).real for p, z in one) for one in (here, middle))
-                    assert abs(now - then) <= drift + NEAR
+                    assert -down - NEAR <= now - then <= up + NEAR
         assert float(bound.lower()) <= largest * 1.2 + 0.01  # no more than its second order beyond
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_quadratic_is_taken_where_it_is_largest(seed: int) -> None:
+    rng = random.Random(seed)
+    for _ in range(20):
+        slope, bend, wide = Fraction(rng.randint(0, 8), 4), Fraction(rng.randint(-8, 8), 4), Fraction(rng.choice([0, 0, 1]), 8)
+        b, c = (arb(fmpq(x.numerator, x.denominator), float(wide)) for x in (slope, bend))
+        high, most = (
+            float(highest(b, c).upper()),
+            max((slope + wide) * t + (bend + wide) * t * t for t in (Fraction(k, 240) for k in range(241))),
+        )
+        assert float(most) <= high + 1e-12
+        assert high <= float(most) + 1e-3  # between two of these instants
 
 
 @pytest.mark.parametrize("of", TASKS)
