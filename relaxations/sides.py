@@ -35,8 +35,8 @@ FINER = (1, 4, 16, 64)
 MARGINS = (2e-14, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5)
 """Relative distance of a lower claim from the floating-point bound: the closest one that the checker accepts is claimed."""
 
-COARSE = (1e-4, 1e-3)
-"""Further ones where the floating-point bound comes from a grid."""
+FOLLOWED = (1e-8, 1e-7, 3e-7, 1e-6, 2e-6, 4e-6, 1e-5, 1e-4, 1e-3)
+"""Those where the floating-point bound comes from a grid."""
 
 RADII = (1e-22, 1e-14, 1e-10, 1e-8)
 """Radii of Krawczyk's test relative to the maneuver time."""
@@ -161,7 +161,7 @@ def lower_side(problem: Problem, task: dict[str, Any], dual: Extremal | programs
     value, prices = max(((lower_bound(*whole, near, price, one), one) for one in _variants(problem, dual, whole)), key=lambda pair: pair[0])
     witness = certificates.costate_witness(problem, problem.modal(dual.costate), dual.tail_multipliers, prices)
     followed = prices.pressed or prices.ramps  # p was integrated on a grid then
-    margins = (*MARGINS[-4:], *COARSE) if followed else MARGINS
+    margins = FOLLOWED if followed else MARGINS
     step, claims = problem.maneuver.sample_time, [Fraction(value * (1.0 - margin)) for margin in margins]
     if step is not None:
         claims = [problem.on_grid(value) - k * step for k in (0, 1)]
@@ -175,7 +175,7 @@ def lower_side(problem: Problem, task: dict[str, Any], dual: Extremal | programs
 def _variants(problem: Problem, dual: Extremal | programs.GridSolution | Costate, whole: tuple[Problem, Reals]) -> Iterator[Prices]:
     """The multipliers as they are; those of a grid with its pattern taken out of them too: any are valid."""
     yield dual.prices
-    if not isinstance(dual, programs.GridSolution) or problem.begin is not None or problem.maneuver.sample_time is not None:
+    if not isinstance(dual, programs.GridSolution) or problem.maneuver.sample_time is not None:
         return
     cell = float(np.diff(dual.program.instants).max())
     smooth = replace(dual.prices, pressed=smoothed(dual.prices.pressed)) if dual.prices.pressed else dual.prices
