@@ -212,8 +212,7 @@ def _followed(problem: Problem, costate: Reals, near: float, price: float, price
     modal = np.array([float(value) for value in problem.modal(costate)])
     bases = [own.basis for own in problem.sets]
     parts = np.split(modal, np.cumsum([basis.size for basis in bases])[:-1])
-    edges = np.union1d(np.linspace(0.0, BEYOND * near, POINTS), [edge for press in prices.pressed for edge in (press.begin, press.end)])
-    edges = edges[edges <= BEYOND * near]
+    edges = _with_ends(prices, BEYOND * near, POINTS)
     points = np.sort(np.concatenate([edges, (edges[1:] + edges[:-1]) / 2]))
     p, first = sampled_costate(bases, parts, prices.pressed, points), 0.0
     if prices.ramps and problem.rate is not None:
@@ -231,6 +230,13 @@ def _followed(problem: Problem, costate: Reals, near: float, price: float, price
     return float(edges[at] + (edges[at + 1] - edges[at]) * left[at] / (left[at] - left[at + 1]))
 
 
+def _with_ends(prices: Prices, end: float, count: int) -> Reals:
+    """Times to go up to an end [s], so many and those at which multipliers begin and end."""
+    known = [edge for press in prices.pressed for edge in (press.begin, press.end)] + [edge for ramp in prices.ramps for edge in ramp.edges]
+    edges = np.union1d(np.linspace(0.0, end, count), known)
+    return edges[edges <= end]
+
+
 def _varying(problem: Problem, costate: Reals, near: float, price: float, prices: Prices) -> float:
     """`_followed` of a plant that varies, or `_sampled` with multipliers of its outputs."""
     step, first = problem.maneuver.sample_time, 0.0
@@ -238,7 +244,7 @@ def _varying(problem: Problem, costate: Reals, near: float, price: float, prices
         edges = problem.samples(round(near / float(step)) + 2)
         points = edges
     else:
-        edges = np.linspace(0.0, BEYOND * near, POINTS // 4 if prices.pressed else POINTS)
+        edges = _with_ends(prices, BEYOND * near, POINTS // 4 if prices.pressed else POINTS)
         points = np.sort(np.concatenate([edges, (edges[1:] + edges[:-1]) / 2]))
     away = problem.target
     if prices.pressed:

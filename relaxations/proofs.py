@@ -62,6 +62,9 @@ BEYOND = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6, 1e-5, 3e-5, 1e-4)
 CLOSEST, ZOOMS, ZOOMED = 1e-8, 4, (1e-9, 3e-9, 1e-8, 3e-8, 1e-7)
 """Gap above which that is tried on denser grids too; how often cells are cut where the command changes; how far beyond it may go then."""
 
+SLOPED = (3e-7, 1e-6)
+"""And where it is continuous."""
+
 REGULAR, GOOD, LIMITED, COURSED = 1e-12, 1e-7, 1e-6, 1e-5
 """Gaps at which the search ends: of a regular optimum; on finer grids; with a budget of fuel or a box; with limits on courses or slopes."""
 
@@ -231,7 +234,7 @@ def _bang_bang(problem: Problem, extremal: Extremal, polished: Polished, upper: 
 
 def _closer(problem: Problem, found: Bound, settings: Settings) -> Iterator[tuple[Reals, float]]:
     """Grids a little beyond a bracket's lower side, very dense where the command changes, as `_grids` has them."""
-    if not problem.switched or problem.maneuver.sample_time is not None or not found.lower:
+    if not (problem.switched or problem.sloped) or problem.maneuver.sample_time is not None or not found.lower:
         return
     grid = instants(problem, found.lower, settings)
     with suppress(SolverError):
@@ -241,7 +244,9 @@ def _closer(problem: Problem, found: Bound, settings: Settings) -> Iterator[tupl
             if exponent <= FLAT or abs(off / exponent) > NEAR:
                 return
             grid = zoomed(solution) * math.exp(off / exponent)
-        yield from ((grid * (1.0 + beyond), beyond / 4.0) for beyond in ZOOMED)
+        yield from (
+            (grid * (1.0 + beyond), beyond / 4.0) for beyond in (ZOOMED[-1:] if problem.sloped else ZOOMED) + SLOPED * problem.sloped
+        )
 
 
 def _grids(problem: Problem, found: Bound, settings: Settings) -> Iterator[tuple[Reals, float]]:

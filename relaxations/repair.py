@@ -25,6 +25,7 @@ Reals = NDArray[np.float64]
 SNAP = 1e-7  # of the range: levels of the solver so close to a limit are meant to be on it
 ON_CHOICE = 1e-4  # of the range: how far the solver's levels may be off where the command is to be all on limits
 CLEAR, PARTS = 1e-5, 6  # of the range: levels so close together are one; into how many parts a cell is cut where they are not
+BEND = 0.02  # of the range of slopes: what is no change of slope but a bend along a limit of an output
 ON_LIMIT = 1e-9  # of the range: a level so close to a limit of 0 stays there exactly
 
 
@@ -42,12 +43,20 @@ class Repaired:
 
 
 def zoomed(solution: GridSolution) -> Reals:
-    """The grid with every cell cut into `PARTS` at which the command changes, or in which it is neither on a limit nor at rest."""
+    """The grid with every cell cut into `PARTS` at which the command changes, or in which it is neither on a limit nor at rest; where the
+    command is continuous, with those beside a change of its slope."""
     problem, levels, grid = solution.problem, solution.levels, solution.program.instants
+    if problem.rate is not None and problem.sloped:
+        slopes = np.diff(levels, prepend=0.0) / np.diff(grid)
+        bends = np.concatenate([[False], np.abs(np.diff(slopes)) > BEND * (problem.rate[1] - problem.rate[0]), [False]])
+        return _cut(grid, np.flatnonzero(bends[:-1] | bends[1:]))
     slack = CLEAR * (problem.upper - problem.lower)
     still = np.minimum.reduce([np.abs(levels - level) for level in (problem.lower, problem.upper, 0.0)]) <= slack
     jumps = np.concatenate([[False], np.abs(np.diff(levels)) > slack, [False]])
-    cells = np.flatnonzero(~still | jumps[:-1] | jumps[1:])
+    return _cut(grid, np.flatnonzero(~still | jumps[:-1] | jumps[1:]))
+
+
+def _cut(grid: Reals, cells: NDArray[np.intp]) -> Reals:
     return np.unique(np.concatenate([grid, *(np.linspace(grid[i], grid[i + 1], PARTS + 1) for i in cells)]))
 
 

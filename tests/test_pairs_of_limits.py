@@ -40,7 +40,7 @@ CHEAP = (
     "samples pulses",
 )
 TRIPLES = ("box rate samples", "rate fuel start", "fuel velocity start", "rate samples start", "box fuel samples", "fuel samples start")
-GAP = 1e-4
+GAP, SLOPED = 1e-4, 1e-6  # of the input's slope alone, or with fuel, an output, a start
 
 
 def posed(names: frozenset[str]) -> Problem:
@@ -77,6 +77,7 @@ def holds(text: str) -> None:
     assert found.status is Status.PROVED, found.reason
     assert found.gap is not None
     assert found.gap <= GAP or "pulses" in names  # whose lower side is that of all inputs
+    assert found.gap <= SLOPED or "rate" not in names or {"box", "samples"} & names
     assert found.upper is not None
     for fewer in itertools.combinations(sorted(names), len(names) - 1):
         # What is asked besides takes no less time. A start is another task, a box asks for a residual instead of rest, and a slope on
