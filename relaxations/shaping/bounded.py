@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,17 +22,20 @@ from relaxations.errors import ShaperError, SolverError
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import Exact, exact
 from relaxations.proofs import minimum_time
+from relaxations.shaping.at_once import decaying, dips_at_once
 from relaxations.shaping.commanded import plant_of, shaper_of
 from relaxations.shaping.decayed import DECAYED, decayed, least_up_to_one
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.sampled import require_fine
 from relaxations.shaping.shapers import Shaper
 from relaxations.shaping.switched import MOST, PROGRAMMED, switched
-from relaxations.shaping.vanishing import left, possible, require_told
+from relaxations.shaping.vanishing import VANISHED, left, possible, require_told
 
 MOST_EQUATIONS = 24  # real ones: with more programs take minutes
 MOST_DAMPED = 0.9  # beyond it they do not tell the equations apart
 LEAST_DECAY = 1e-32  # of a mode while the impulses last: with less the digits of certificates do not tell them apart
+WELL_TOLD = 4.0  # of folds of decay: up to so many programs come first
+NEAR = 1e-6  # relative: so near its lower bound a sequence is the shortest
 MOST_SAMPLES = 1000
 MOST_FOLDS = 20.0  # of decay while the impulses last: programs in doubles tell that much
 NEARLY = 1e-9  # of levels: so close to a bound, or to each other, they are the same
@@ -73,8 +77,23 @@ def bounded(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int 
                 return BoundedShaper(decayed(mode, derivatives), None, closed)
             if derivatives > PROGRAMMED or mode.damping > MOST_DAMPED:
                 raise
-    command, bound = _fastest(modes, lower, upper, derivatives, None)
-    return BoundedShaper(shaper_of(command), bound)
+    # Dips from 1 down are followed to any damping, without a grid: of more than one mode they come first where programs tell little.
+    found, zeros = None, [(mode, derivatives) for mode in modes]
+    if len(modes) > 1 and exact(upper) == 1 and decaying(zeros) > WELL_TOLD:
+        with suppress(SolverError):
+            shaper, least = dips_at_once(modes, exact(lower), derivatives)
+            found = BoundedShaper(shaper, None, least or 0.0)
+        if found is not None and found.closed >= (1.0 - NEAR) * found.shaper.duration:
+            return found
+    try:
+        command, bound = _fastest(modes, lower, upper, derivatives, None)
+    except SolverError:
+        if found is None:
+            raise
+        return found
+    other = BoundedShaper(shaper_of(command), bound)
+    vanishes = all(left(other.shaper, mode, derivatives) <= VANISHED for mode in modes)
+    return other if found is None or vanishes else found
 
 
 def bounded_on_samples(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int, sample_time: float) -> tuple[Shaper, int]:

@@ -10,6 +10,7 @@ from fractions import Fraction
 
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.plants import exact
+from relaxations.shaping.at_once import decaying, positive_at_once
 from relaxations.shaping.bounded import bounded
 from relaxations.shaping.humps import Humped
 from relaxations.shaping.impulses import derivative_shaper
@@ -18,10 +19,11 @@ from relaxations.shaping.least_durations import Remnant, least_duration, least_w
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.requests import Least, Made, Request
 from relaxations.shaping.shapers import Shaper
-from relaxations.shaping.touching import least_of_positive
+from relaxations.shaping.vanishing import VANISHED, left
 
 # Beyond them a least duration is not searched for: doubles cannot tell the conditions apart.
 MOST_DERIVATIVES, MOST_CONDITIONS = 11, 30
+TOLD = 4.0  # e-folds of decay up to which programs in doubles come first
 SAME = 1.0 - 1e-5  # of a tolerance: humps are designed a hair below it
 WHOLE = 1e-9  # partial sums this close to a whole number are it
 ONE_MODE = "the least duration is that of one mode's zeros alone: with those of all nothing more was proven"
@@ -48,16 +50,31 @@ def compared(shaper: Shaper | None, zeros: Sequence[tuple[Mode, int]]) -> Made:
     if shaper is not None and (max(counts) > MOST_DERIVATIVES or sum(counts) + len(counts) > MOST_CONDITIONS):
         return Made(shaper, Least(lower, among, modes), notes=(ONE_MODE,))
     try:
-        shortest = specified([], zeros)
+        shortest, proven = shortest_of(zeros)
     except SolverError:
         if shaper is None:
             raise
         return Made(shaper, Least(lower, among, modes), notes=(ONE_MODE,))
-    proven = shortest.lower
-    if proven is None and not max(counts):
-        proven = least_of_positive(different(modes), shortest.shaper)
     notes = (ONE_MODE,) if proven is None else ()
-    return Made(shaper or shortest.shaper, Least(max(lower, proven or 0.0), among, modes), notes=notes)
+    return Made(shaper or shortest, Least(max(lower, proven or 0.0), among, modes), notes=notes)
+
+
+def shortest_of(zeros: Sequence[tuple[Mode, int]]) -> tuple[Shaper, float | None]:
+    """The shortest positive shaper, of as many derivatives at every mode, and the least duration [s], *proven*; None if it was not.
+
+    In doubles, or where modes decay by more than these tell, in as many digits as that takes. Raises `SolverError`.
+    """
+    different_zeros = list(dict.fromkeys(zeros))
+    if decaying(different_zeros) > TOLD:
+        with suppress(SolverError):
+            return positive_at_once(different_zeros)
+    found = specified([], different_zeros)
+    exact = all(left(found.shaper, mode, count) <= VANISHED for mode, count in zeros)
+    if exact and found.lower is not None:
+        return found.shaper, found.lower
+    with suppress(SolverError):
+        return positive_at_once(different_zeros)
+    return found.shaper, found.lower
 
 
 def least_of(lower: float | None, among: str, zeros: Sequence[Mode] = ()) -> Least | None:

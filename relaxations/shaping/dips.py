@@ -41,7 +41,8 @@ def too_close(dips: Sequence[Dip]) -> bool:
 def drawn_apart(zeros: Sequence[tuple[Mode, int]], dips: Sequence[Dip], depth: arb | fmpq | int = 1) -> Shaper:
     """The sequence with these zeros and so many derivatives, from dips that leave nothing of them; partial sums in [1 - depth, 1].
 
-    There are as many dips as zeros, each counted as often as it is. Raises `SolverError` where heights are none.
+    There are as many dips as zeros, each counted as often as it is, or more: then heights differ from their own by as little, relative to
+    it, as closes the equations. Raises `SolverError` where heights are none.
     """
     fastest, slowest = (pick(mode.damping * mode.frequency for mode, _ in zeros) for pick in (max, min))
     with precision(BITS + math.ceil(4.0 * (fastest - slowest) * float(dips[-1][1]) / math.log(2.0))):
@@ -52,16 +53,19 @@ def _solved(zeros: Sequence[tuple[Mode, int]], dips: Sequence[Dip], depth: arb |
     last = float(dips[-1][1])
     width = WIDTH * last
     steps: list[tuple[float, float]] = []
+    own: list[arb] = []
     whole: list[tuple[float, float]] = []
     for begin, end in dips:
         wide = float(end - begin)
         if wide > NARROW * width:
             first, second = float(begin), float(end)
             steps += [(first - width / 2.0, first + width / 2.0), (second - width / 2.0, second + width / 2.0)]
+            own += [arb(depth) / 2] * 2
             whole.append((first + width / 2.0, second - width / 2.0))
         else:
             middle, half = float((begin + end) / 2), max(width, wide)
             steps += [(middle - half, middle), (middle, middle + half)]
+            own += [arb(depth) * (end - begin) / (2.0 * half)] * 2
     units = [growth * arb(end) for _, end in steps]
     rows, right = [], []
     for mode, derivatives in zeros:
@@ -78,7 +82,7 @@ def _solved(zeros: Sequence[tuple[Mode, int]], dips: Sequence[Dip], depth: arb |
             rows += [[column.real for column in columns], [column.imag for column in columns]]
             right += [[-fixed.real], [-fixed.imag]]
     try:
-        found = arb_mat(rows).solve(arb_mat(right))
+        found = _heights(arb_mat(rows), arb_mat(right), [unit.exp() * height for unit, height in zip(units, own, strict=True)])
     except ZeroDivisionError:
         raise SolverError("impulses that follow each other so closely were not told apart; fewer zeros are possible") from None
     heights = [found[k, 0].mid() * (-unit).exp() for k, unit in enumerate(units)]
@@ -92,3 +96,13 @@ def _solved(zeros: Sequence[tuple[Mode, int]], dips: Sequence[Dip], depth: arb |
     jumps = {instant: float(exact[instant]) for instant in sorted(exact)}
     kept = {instant: jump for instant, jump in jumps.items() if jump}
     return Shaper(tuple(kept), tuple(kept.values()))
+
+
+def _heights(rows: arb_mat, right: arb_mat, own: Sequence[arb]) -> arb_mat:
+    if rows.nrows() == rows.ncols():
+        return rows.solve(right)
+    m, n = rows.nrows(), rows.ncols()
+    scaled = arb_mat([[rows[i, k] * own[k] for k in range(n)] for i in range(m)]).mid()
+    missed = (right - scaled * arb_mat([[arb(1)] for _ in own])).mid()
+    changes = scaled.transpose() * (scaled * scaled.transpose()).mid().solve(missed)
+    return arb_mat([[own[k] * (1 + changes[k, 0])] for k in range(n)]).mid()

@@ -6,6 +6,7 @@ T: unlike steps of w alone that also finds the way around a fold, where w is lar
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -97,14 +98,21 @@ def followed(
     return Point(at[:-1], at[-1], False)
 
 
-def solved(system: System, start: Vector, across: Vector | None, close: float) -> Vector | None:
-    """Newton's method from `start`, (x, w), on the plane `across` a direction (None: w stays); None if it does not converge."""
+def solved(
+    system: System, start: Vector, across: Vector | None, close: float, steps: int = STEPS, longest: float = math.inf
+) -> Vector | None:
+    """Newton's method from `start`, (x, w), on the plane `across` a direction (None: w stays); None if it does not converge.
+
+    In so many `steps`, no unknown changing by more than `longest` in any of them.
+    """
     at, fixed, last = start, [arb(0)] * (len(start) - 1) + [arb(1)] if across is None else across, float("inf")
-    for _ in range(STEPS):
+    for _ in range(steps):
         values, slopes = system(at[:-1], at[-1])
         step = _solve([*slopes, fixed], [*(-value for value in values), arb(0)])
         if step is None:
             return None
+        if (farthest := max(abs(float(b)) for b in step)) > longest:
+            step = [b * (longest / farthest) for b in step]
         at = [(a + b).mid() for a, b in zip(at, step, strict=True)]
         size = max(abs(float(b)) / max(1.0, abs(float(a))) for a, b in zip(at, step, strict=True))
         if size <= close:

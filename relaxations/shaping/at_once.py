@@ -1,0 +1,165 @@
+"""Several modes of much damping at once: positive impulses, and dips of partial sums from 1, from the points of the shortest.
+
+What the simplex method finds (relaxations.shaping.cones) becomes amplitudes in doubles; dips get their width, on a curve along which their
+depth falls from very deep ones, which are all but points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from fractions import Fraction
+
+import numpy as np
+from flint import acb, arb
+
+from relaxations.bounds import Bound
+from relaxations.errors import SolverError
+from relaxations.maneuvers import Limits, Maneuver, problem
+from relaxations.plants import exact, precision, rational
+from relaxations.proofs import extremal_bound
+from relaxations.refinement import Extremal
+from relaxations.shaping.amplitudes import LEAST, decay_per_radian
+from relaxations.shaping.commanded import plant_of
+from relaxations.shaping.cones import Points, Zeros, bits_of, shortest
+from relaxations.shaping.dips import TOLD, Dip, drawn_apart, too_close
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.paths import Vector, followed
+from relaxations.shaping.shapers import Shaper
+from relaxations.shaping.touching import least_of_positive, least_up_to_one_of
+
+DEEP = 2.0**-10  # of a duration: from dips so narrow points are not far
+LEAST_DECAY = 1e-32  # of a mode while the sequence lasts: with less the digits of certificates do not tell its switches
+TRIED = 4  # dampings, on the way to the largest
+
+
+def decaying(zeros: Zeros) -> float:
+    """By how many e-folds the mode that decays most does so in the half periods that a positive shaper of its own zeros takes."""
+    return max((count + 1) * math.pi * decay_per_radian(mode.damping) for mode, count in zeros)
+
+
+def positive_at_once(zeros: Zeros) -> tuple[Shaper, float | None]:
+    """The shortest positive shaper of all zeros (mode, derivatives), and the least duration [s], *proven*; None if it was not.
+
+    Derivatives are as many for all modes. Raises `SolverError`.
+    """
+    found = shortest(zeros)
+    if (least := _smallest(found)) < LEAST:
+        raise SolverError(
+            f"{len(zeros)} modes at once take an amplitude below 1e{math.ceil(least)} at these dampings, doubles hold "
+            f"1e{math.ceil(LEAST)}; dampings of {_largest(zeros):.9g} times these are possible; modes like these hardly vibrate: they may "
+            "be left out"
+        )
+    with precision(bits_of(zeros)):
+        sizes = [arb(1), *found.sizes]
+        whole = sum(sizes, arb(0))
+        shaper = Shaper((0.0, *map(float, found.instants)), tuple(float(size / whole) for size in sizes))
+    return shaper, least_of_positive([mode for mode, _ in zeros], shaper, zeros[0][1])
+
+
+def _smallest(found: Points) -> float:
+    """Decimal logarithm of the smallest amplitude; the first one is 1, nearly."""
+    return min(float(size.log()) for size in found.sizes) / math.log(10.0)
+
+
+def _largest(zeros: Zeros) -> float:
+    """A factor of all dampings at which amplitudes are still doubles, near the largest: they fall in proportion to ζ/√(1 - ζ²), nearly."""
+    factor = 1.0
+    for _ in range(TRIED):
+        scaled = [(Mode(mode.frequency, factor * mode.damping), count) for mode, count in zeros]
+        least = _smallest(shortest(scaled))
+        if least >= LEAST:
+            return factor
+        most = max(mode.damping for mode, _ in zeros)
+        wanted = 0.999 * LEAST / least * decay_per_radian(factor * most)
+        factor = math.floor(1e9 * wanted / math.hypot(1.0, wanted) / most) / 1e9
+    return factor
+
+
+def dips_at_once(modes: Sequence[Mode], lower: Fraction, derivatives: int) -> tuple[Shaper, float | None]:
+    """The sequence with partial sums in [lower, 1], lower ≤ 0, and the least duration [s], *proven*; None if it was not.
+
+    Raises `SolverError`.
+    """
+    zeros = [(mode, derivatives) for mode in modes]
+    found = shortest(zeros, dips=True)
+    depth = 1 - lower
+    with precision(bits_of(zeros)):
+        dips = _widened(zeros, found, depth)
+        if too_close(dips):
+            shaper = drawn_apart(zeros, dips, rational(depth))
+        else:
+            edges = [edge for dip in dips for edge in dip]
+            sizes = [-1.0 if k % 2 == 0 else 1.0 for k in range(len(edges))]
+            shaper = Shaper((0.0, *map(float, edges)), (1.0, *(float(depth) * size for size in sizes)))
+        proven = [least_up_to_one_of(modes, dips, derivatives)]
+        fastest = max(mode.damping * mode.frequency for mode in modes)
+        if len(dips) == len(zeros) * (derivatives + 1) and math.exp(-fastest * shaper.duration) > LEAST_DECAY:
+            with suppress(SolverError):
+                bound = _extremal(modes, lower, derivatives, dips)
+                proven.append(bound.lower if bound.certificate is not None else None)
+    return shaper, max((low for low in proven if low is not None), default=None)
+
+
+def _widened(zeros: Zeros, found: Points, depth: Fraction) -> list[Dip]:
+    """Of points the dips of this depth: edges that leave nothing, ever wider ones from very narrow ones on."""
+    rates = []
+    for mode, count in zeros:
+        zeta = arb(mode.damping)
+        rate = arb(mode.frequency) * acb(zeta, (1 - zeta * zeta).sqrt())
+        rates += [(rate, power) for power in range(count + 1)]
+    end = found.instants[-1]
+    last = rational(depth)
+    widest = max(found.sizes) / last
+    deep = max(arb(1), (widest / (DEEP * end)))
+    if len(found.sizes) != len(rates):
+        if not widest < TOLD * end:
+            raise SolverError("dips that are more than zeros, and wide, were not followed to their depth")
+        return [((at - size / last / 2).mid(), (at + size / last / 2).mid()) for at, size in zip(found.instants, found.sizes, strict=True)]
+
+    def system(x: Vector, w: arb) -> tuple[Vector, list[Vector]]:
+        """x: middles, and logarithms of widths times depth, both in units of the end; w: the logarithm of 1/depth."""
+        n = len(rates)
+        values: Vector = []
+        rows: list[Vector] = []
+        for rate, power in rates:
+            unit = rate * end
+            value, by_x, by_w = acb(0 if power else 1), [acb(0)] * (2 * n), acb(0)
+            for k in range(n):
+                width = (x[n + k] + w).exp()
+                edges = x[k] - width / 2, x[k] + width / 2
+                at = [edge**power * (unit * edge).exp() for edge in edges]
+                slopes = [(arb(power) / edge + unit) * part for edge, part in zip(edges, at, strict=True)]
+                jump = (-w).exp()
+                value += jump * (at[1] - at[0])
+                by_x[k] = jump * (slopes[1] - slopes[0])
+                by_x[n + k] = jump * (slopes[1] + slopes[0]) * width / 2
+                by_w += by_x[n + k] - jump * (at[1] - at[0])
+            values += [value.real, value.imag]
+            rows += [[*(d.real for d in by_x), by_w.real], [*(d.imag for d in by_x), by_w.imag]]
+        return values, rows
+
+    start = [*(at / end for at in found.instants), *((size / end).log() for size in found.sizes)]
+    goal = -arb(last).log()
+    path = followed(system, start, goal - deep.log(), goal)
+    if path is None or not path.goal:
+        raise SolverError("dips were not followed to their depth")
+    n = len(rates)
+    dips = []
+    for middle, size in zip(path.x[:n], path.x[n:], strict=True):
+        half = (size + path.w).exp() / 2
+        dips.append((((middle - half) * end).mid(), ((middle + half) * end).mid()))
+    if not all(before[1] < after[0] for before, after in zip([(arb(0), arb(0)), *dips], dips, strict=False)):
+        raise SolverError("dips overlap")
+    return dips
+
+
+def _extremal(modes: Sequence[Mode], lower: Fraction, derivatives: int, dips: Sequence[Dip]) -> Bound:
+    posed = problem([plant_of(modes)], Maneuver(exact(1), Limits.of(lower, 1), robustness=derivatives))
+    end = dips[-1][1]
+    to_go = [end - edge for edge in reversed([edge for dip in dips for edge in dip][:-1])] + [end]
+    levels = np.array([posed.lower if k % 2 == 0 else posed.upper for k in range(len(to_go))])
+    return extremal_bound(
+        posed, Extremal(posed, float(end), np.array([float(t) for t in to_go[:-1]]), levels, np.zeros(posed.size), 0.0, 0), to_go
+    )

@@ -1,0 +1,130 @@
+"""Several modes of much damping at once: what is left, in many digits, and how short such sequences could be."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from flint import arb, arb_mat
+from scipy.optimize import linprog
+
+from relaxations.plants import precision
+from relaxations.shaping.at_once import dips_at_once, positive_at_once
+from relaxations.shaping.decayed import least_up_to_one
+from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.insensitive import specified
+from relaxations.shaping.kinds import make
+from relaxations.shaping.modes import Mode
+from relaxations.shaping.requests import Request
+from relaxations.shaping.shapers import Shaper, convolve
+from relaxations.shaping.simplex import cheapest
+from relaxations.shaping.touching import least_of_positive
+
+TURN = 2.0 * math.pi
+TIGHT = 1e-7  # relative: duration and least duration; a proof takes a few 1e-9 for each impulse, edges drawn apart 1.5e-8
+ROUNDED = 1e-12  # of the largest term, of what vanishes: doubles of instants and amplitudes
+
+
+def modes_of(*pairs: tuple[float, float]) -> tuple[Mode, ...]:
+    return tuple(Mode(TURN * frequency, damping) for frequency, damping in pairs)
+
+
+def left(shaper: Shaper, mode: Mode, power: int) -> float:
+    """Of the largest term, in numbers of 64 bits."""
+    times, sizes = (np.array(numbers, dtype=np.longdouble) for numbers in (shaper.times, shaper.amplitudes))
+    zeta, omega = np.longdouble(mode.damping), np.longdouble(mode.frequency)
+    phases = omega * np.sqrt(1 - zeta * zeta) * times
+    terms = sizes * (times / times[-1]) ** power * np.exp(zeta * omega * times)
+    return float(np.hypot((terms * np.cos(phases)).sum(), (terms * np.sin(phases)).sum()) / np.abs(terms).max())
+
+
+@pytest.mark.parametrize(
+    ("kind", "pairs", "derivatives"),
+    [
+        ("zv", ((1.0, 0.95), (2.7, 0.95), (4.1, 0.95)), 0),
+        ("zv", ((1.0, 0.99), (2.7, 0.0)), 0),
+        ("zvd", ((1.0, 0.9), (2.7, 0.9)), 1),
+        ("um-zv", ((1.0, 0.99), (2.7, 0.99)), 0),
+        ("um-zv", ((1.0, 0.99), (2.7, 0.0)), 0),
+        ("um-zvd", ((1.0, 0.99), (2.7, 0.99)), 1),
+    ],
+)
+def test_nothing_is_left_and_none_is_shorter(kind: str, pairs: tuple[tuple[float, float], ...], derivatives: int) -> None:
+    modes = modes_of(*pairs)
+    made = make(kind, Request(modes, simultaneous=True))
+    assert math.isclose(math.fsum(made.shaper.amplitudes), 1.0, abs_tol=1e-12)
+    for mode in modes:
+        for power in range(derivatives + 1):
+            assert left(made.shaper, mode, power) < ROUNDED * mode.frequency * made.shaper.duration
+    assert made.least is not None
+    assert made.shaper.duration * (1.0 - TIGHT) < made.least.duration <= made.shaper.duration
+    if kind.startswith("zv"):  # convolved, impulses 1, -1, 1 … have partial sums beyond [0, 1]
+        assert made.shaper.duration < make(kind, Request(modes)).shaper.duration
+    sums = np.cumsum(made.shaper.amplitudes)
+    assert sums.min() >= -1e-15
+    assert sums.max() <= 1.0 + 1e-15
+
+
+def test_more_impulses_than_equations_by_two() -> None:
+    """Of modes that decay so differently the shortest has six impulses, whose places the multipliers tell."""
+    modes = modes_of((1.0, 0.9), (2.7, 0.5))
+    shaper, lower = positive_at_once([(mode, 1) for mode in modes])
+    assert len(shaper.times) == 6
+    assert max(left(shaper, mode, power) for mode in modes for power in (0, 1)) < ROUNDED
+    assert lower is not None
+    assert shaper.duration * (1.0 - 2e-6) < lower < shaper.duration  # the margin that is tried first is 1e-6
+
+
+def test_the_same_as_cone_programs_where_these_tell() -> None:
+    zeros = [(mode, 0) for mode in modes_of((1.0, 0.3), (2.7, 0.4))]
+    shaper, _ = positive_at_once(zeros)
+    other = specified([], zeros).shaper
+    assert shaper.times == pytest.approx(other.times, rel=1e-7)  # polished to 1e-12 of equations of order one
+    assert shaper.amplitudes == pytest.approx(other.amplitudes, rel=1e-6)
+
+
+@pytest.mark.parametrize("derivatives", [0, 1])
+def test_one_mode_has_a_closed_form(derivatives: int) -> None:
+    mode = Mode(3.0, 0.97)
+    shaper, lower = positive_at_once([(mode, derivatives)])
+    assert shaper.times == pytest.approx(derivative_shaper(mode, derivatives).times, rel=1e-14)
+    assert shaper.amplitudes == pytest.approx(derivative_shaper(mode, derivatives).amplitudes, rel=1e-12)
+    assert (lower or math.inf) <= (derivatives + 1) * mode.half_period
+    sums, least = dips_at_once([mode], Fraction(0), derivatives)
+    assert least is not None
+    assert sums.duration * (1.0 + 1e-14) > least > least_up_to_one(mode, derivatives) * (1.0 - TIGHT)  # instants are doubles
+
+
+def test_nothing_is_proven_of_what_can_be_shorter() -> None:
+    """The convolution is no shortest one, and neither is one that leaves something: what is claimed is below what there is."""
+    modes = modes_of((1.0, 0.9), (2.7, 0.9))
+    shaper, _ = positive_at_once([(mode, 0) for mode in modes])
+    convolved = convolve(derivative_shaper(modes[0]), derivative_shaper(modes[1]))
+    longer = Shaper(tuple(1.001 * t for t in shaper.times), shaper.amplitudes)
+    for other in (convolved, longer):
+        assert (least_of_positive(modes, other) or 0.0) <= shaper.duration
+
+
+def test_least_duration_of_a_convolution_is_that_of_all_modes() -> None:
+    modes = modes_of((1.0, 0.95), (2.7, 0.95), (4.1, 0.95))
+    made = make("zv", Request(modes))
+    assert made.least is not None
+    assert made.least.duration > 0.99 * made.shaper.duration  # one mode alone takes 1.60 s of 2.58 s
+    assert not made.notes
+
+
+def test_the_simplex_method_and_highs() -> None:
+    random = np.random.default_rng(5)
+    for _ in range(5):
+        table, costs = random.normal(size=(4, 12)), random.integers(1, 9, 12)
+        aim = np.abs(table @ random.uniform(size=12))
+        table[table @ np.ones(12) < 0.0] *= -1.0
+        with precision(192):
+            rows, right = [[arb(x) for x in row] for row in table.tolist()], [[arb(x)] for x in aim.tolist()]
+            ours = cheapest(arb_mat(rows), arb_mat(right), costs.tolist())
+        theirs = linprog(costs, A_eq=table, b_eq=aim, bounds=(0.0, None), method="highs")
+        assert (ours is None) == (theirs.status == 2)
+        if ours is not None:
+            assert sum(float(weight) * costs[column] for column, weight in ours.weights) == pytest.approx(theirs.fun, rel=1e-7)
