@@ -20,6 +20,7 @@ from relaxations.shaping.modes import Mode
 from relaxations.shaping.requests import Request
 from relaxations.shaping.shapers import Shaper, convolve
 from relaxations.shaping.simplex import cheapest
+from relaxations.shaping.sums_within import _of_instants
 from relaxations.shaping.touching import least_of_positive
 
 TURN = 2.0 * math.pi
@@ -65,6 +66,24 @@ def test_nothing_is_left_and_none_is_shorter(kind: str, pairs: tuple[tuple[float
     sums = np.cumsum(made.shaper.amplitudes)
     assert sums.min() >= -1e-15
     assert sums.max() <= 1.0 + 1e-15
+
+
+@pytest.mark.slow
+def test_humps_of_modes_that_decay_take_what_their_decay_takes() -> None:
+    """The tolerance over both ranges, from 0.088 of the slow mode's frequency on: one impulse, and when it has decayed enough."""
+    modes = modes_of((1.0, 0.99), (2.7, 0.99))
+    made = make("ei", Request(modes, tolerance=0.05, simultaneous=True))
+    assert made.least is not None
+    ends = [band.ends[0] for _, band in made.ranges]
+    assert made.shaper.duration == pytest.approx(math.log(1.0 / 0.05) / (0.99 * min(ends)), rel=2e-6)  # the grid's is longer by 1e-6
+    assert made.least.duration == pytest.approx(made.shaper.duration, rel=2e-6)
+
+
+def test_impulses_at_one_instant_are_one() -> None:
+    times, sizes = np.array([0.0, 1.0, 2.0, 2.0, 2.0 - 1e-15, 3.0]), np.array([1.0, -1.0, 1.0, -1.0, 1.0, 0.0])
+    shaper = _of_instants(times, sizes)
+    assert shaper.times == (0.0, 1.0, 2.0, 3.0)
+    assert shaper.amplitudes == (1.0, -1.0, 1.0, 0.0)
 
 
 def test_more_impulses_than_equations_by_two() -> None:

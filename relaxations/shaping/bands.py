@@ -74,6 +74,12 @@ class Band:
         return math.pi / (self.ends[0] * math.sqrt(1.0 - self.damped[0] ** 2))
 
     @property
+    def decayed(self) -> float:
+        """When the slowest decay has done what the tolerance asks for, and one impulse is enough [s]; infinite without damping."""
+        rate = self.damped[0] * self.ends[0]
+        return -math.log(self.tolerance) / rate if rate else math.inf
+
+    @property
     def edges(self) -> tuple[Edge, ...]:
         """The boundary of the box."""
         (low, high), (least, most) = self.ends, self.damped

@@ -69,6 +69,8 @@ def specified(bands: Sequence[Band], zeros: Sequence[tuple[Mode, int]] = ()) -> 
         return specified([], [serving])
     slowest = max([band.half_period for band in bands] + [mode.half_period * (count + 1) for mode, count in zeros])
     fastest = max([band.mode.frequency * band.high for band in bands] + [mode.frequency for mode, _ in zeros])
+    if slowest * fastest > 2.0 * math.pi * MOST_PERIODS and not zeros:
+        slowest = max(min(band.half_period, band.decayed) for band in bands)
     if slowest * fastest > 2.0 * math.pi * MOST_PERIODS:
         raise SolverError(
             f"the shaper would last {slowest * fastest / (2.0 * math.pi):.4g} periods of {fastest:.6g} rad/s, the fastest mode or band; "

@@ -42,6 +42,7 @@ BRACKET = 1e-5  # relative width of the bracket on the grid
 SHORTER = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)  # relative: how far below the duration the proof that none is shorter is tried
 LEVEL = 1e-6  # of the distance between the bounds: a level so near to one is it
 HAIR = 1e-7  # of a tolerance: by how much exact instants are designed inside it
+TOGETHER = 1e-13  # of the duration: what lies no farther apart is one impulse
 FAINT = 1e-9  # a multiplier that is none, of a sum of 1
 ATTEMPTS = 8
 MOST = 6.0  # half periods of the slowest frequency that are searched
@@ -83,6 +84,16 @@ def within_sums_and_bands(bands: Sequence[Band], lower: float, upper: float) -> 
 
 def _lost() -> str:
     return "no sequence within these bounds was found that keeps every band; a convolution of one for each mode, and ei, are possible"
+
+
+def _of_instants(times: Reals, sizes: Reals) -> Shaper:
+    """Impulses whose instants are the same but for rounding are one: arcs of no length are none. The last one stays, whatever its size."""
+    kept = np.flatnonzero(sizes)
+    instants = np.maximum.accumulate(times[kept] - times[kept][0])
+    begins = np.append(True, np.diff(instants) > TOGETHER * instants[-1])
+    whole = np.bincount(begins.cumsum() - 1, weights=sizes[kept])
+    own = np.flatnonzero((whole != 0.0) | (np.arange(len(whole)) == len(whole) - 1))
+    return Shaper(tuple(map(float, instants[begins][own])), tuple(map(float, whole[own])))
 
 
 @dataclass
@@ -152,8 +163,7 @@ class Search:
             times = self._minimised(times, sizes, demands)
             over = exceeded_closely(times, sizes, self.bands)
             if not over:
-                kept = np.flatnonzero(sizes)
-                return Shaper(tuple(map(float, times[kept] - times[kept][0])), tuple(map(float, sizes[kept])))
+                return _of_instants(times, sizes)
             demands += over
         raise SolverError(_lost())
 
