@@ -80,7 +80,7 @@ def test_humps_of_modes_that_decay_take_what_their_decay_takes() -> None:
 
 
 def test_impulses_at_one_instant_are_one() -> None:
-    times, sizes = np.array([0.0, 1.0, 2.0, 2.0, 2.0 - 1e-15, 3.0]), np.array([1.0, -1.0, 1.0, -1.0, 1.0, 0.0])
+    times, sizes = np.array([0.0, 1.0, 2.0, 2.0, 2.0 - 1e-15, 3.0, 3.0]), np.array([1.0, -1.0, 1.0, -1.0, 1.0, 0.25, -0.25])
     shaper = _of_instants(times, sizes)
     assert shaper.times == (0.0, 1.0, 2.0, 3.0)
     assert shaper.amplitudes == (1.0, -1.0, 1.0, 0.0)
