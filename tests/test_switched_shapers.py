@@ -190,3 +190,22 @@ def test_a_hair_above_the_instants_of_unity_magnitude_it_is_nearly_the_same():
     assert made.least is not None
     assert made.least.duration == pytest.approx(0.33334, rel=1e-15)
     assert "which need 2" in made.least.among
+
+
+@pytest.mark.parametrize(
+    ("damping", "derivatives", "near"),
+    [
+        (0.7, 12, 3e-8),  # steps of dips that are drawn apart
+        slow(0.4, 20, 3e-8),
+        (0.9, 12, 2e-4),  # the bound is that of partial sums without a lower end
+    ],
+)
+def test_many_derivatives_with_damping_begin_with_deep_dips(damping: float, derivatives: int, near: float) -> None:
+    mode = Mode(2.0 * math.pi, damping)
+    made = make(f"um-zv-d:{derivatives}", Request((mode,)))
+    assert made.least is not None
+    assert made.least.duration <= made.shaper.duration < made.least.duration * (1.0 + near)
+    assert left(made.shaper, mode, derivatives) < 1e-10
+    sums = list(itertools.accumulate(map(Fraction, made.shaper.amplitudes)))
+    assert min(sums) >= -Fraction(1, 10**15)
+    assert max(sums) <= 1 + Fraction(1, 10**15)

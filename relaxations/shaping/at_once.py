@@ -12,7 +12,7 @@ from contextlib import suppress
 from fractions import Fraction
 
 import numpy as np
-from flint import acb, arb
+from flint import arb
 
 from relaxations.bounds import Bound
 from relaxations.errors import SolverError
@@ -23,13 +23,12 @@ from relaxations.refinement import Extremal
 from relaxations.shaping.amplitudes import LEAST, decay_per_radian
 from relaxations.shaping.commanded import plant_of
 from relaxations.shaping.cones import Points, Zeros, bits_of, shortest
-from relaxations.shaping.dips import TOLD, Dip, drawn_apart, too_close
+from relaxations.shaping.depths import widened
+from relaxations.shaping.dips import Dip, drawn_apart, too_close
 from relaxations.shaping.modes import Mode
-from relaxations.shaping.paths import Vector, followed
 from relaxations.shaping.shapers import Shaper
 from relaxations.shaping.touching import least_of_positive, least_up_to_one_of
 
-DEEP = 2.0**-10  # of a duration: from dips so narrow points are not far
 LEAST_DECAY = 1e-32  # of a mode while the sequence lasts: with less the digits of certificates do not tell its switches
 TRIED = 4  # dampings, on the way to the largest
 
@@ -86,7 +85,7 @@ def dips_at_once(modes: Sequence[Mode], lower: Fraction, derivatives: int) -> tu
     found = shortest(zeros, dips=True)
     depth = 1 - lower
     with precision(bits_of(zeros)):
-        dips = _widened(zeros, found, depth)
+        dips = widened(zeros, found.instants, found.sizes, depth)
         if too_close(dips):
             shaper = drawn_apart(zeros, dips, rational(depth))
         else:
@@ -100,59 +99,6 @@ def dips_at_once(modes: Sequence[Mode], lower: Fraction, derivatives: int) -> tu
                 bound = _extremal(modes, lower, derivatives, dips)
                 proven.append(bound.lower if bound.certificate is not None else None)
     return shaper, max((low for low in proven if low is not None), default=None)
-
-
-def _widened(zeros: Zeros, found: Points, depth: Fraction) -> list[Dip]:
-    """Of points the dips of this depth: edges that leave nothing, ever wider ones from very narrow ones on."""
-    rates = []
-    for mode, count in zeros:
-        zeta = arb(mode.damping)
-        rate = arb(mode.frequency) * acb(zeta, (1 - zeta * zeta).sqrt())
-        rates += [(rate, power) for power in range(count + 1)]
-    end = found.instants[-1]
-    last = rational(depth)
-    widest = max(found.sizes) / last
-    deep = max(arb(1), (widest / (DEEP * end)))
-    if len(found.sizes) != len(rates):
-        if not widest < TOLD * end:
-            raise SolverError("dips that are more than zeros, and wide, were not followed to their depth")
-        return [((at - size / last / 2).mid(), (at + size / last / 2).mid()) for at, size in zip(found.instants, found.sizes, strict=True)]
-
-    def system(x: Vector, w: arb) -> tuple[Vector, list[Vector]]:
-        """x: middles, and logarithms of widths times depth, both in units of the end; w: the logarithm of 1/depth."""
-        n = len(rates)
-        values: Vector = []
-        rows: list[Vector] = []
-        for rate, power in rates:
-            unit = rate * end
-            value, by_x, by_w = acb(0 if power else 1), [acb(0)] * (2 * n), acb(0)
-            for k in range(n):
-                width = (x[n + k] + w).exp()
-                edges = x[k] - width / 2, x[k] + width / 2
-                at = [edge**power * (unit * edge).exp() for edge in edges]
-                slopes = [(arb(power) / edge + unit) * part for edge, part in zip(edges, at, strict=True)]
-                jump = (-w).exp()
-                value += jump * (at[1] - at[0])
-                by_x[k] = jump * (slopes[1] - slopes[0])
-                by_x[n + k] = jump * (slopes[1] + slopes[0]) * width / 2
-                by_w += by_x[n + k] - jump * (at[1] - at[0])
-            values += [value.real, value.imag]
-            rows += [[*(d.real for d in by_x), by_w.real], [*(d.imag for d in by_x), by_w.imag]]
-        return values, rows
-
-    start = [*(at / end for at in found.instants), *((size / end).log() for size in found.sizes)]
-    goal = -arb(last).log()
-    path = followed(system, start, goal - deep.log(), goal)
-    if path is None or not path.goal:
-        raise SolverError("dips were not followed to their depth")
-    n = len(rates)
-    dips = []
-    for middle, size in zip(path.x[:n], path.x[n:], strict=True):
-        half = (size + path.w).exp() / 2
-        dips.append((((middle - half) * end).mid(), ((middle + half) * end).mid()))
-    if not all(before[1] < after[0] for before, after in zip([(arb(0), arb(0)), *dips], dips, strict=False)):
-        raise SolverError("dips overlap")
-    return dips
 
 
 def _extremal(modes: Sequence[Mode], lower: Fraction, derivatives: int, dips: Sequence[Dip]) -> Bound:

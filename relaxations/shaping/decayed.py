@@ -15,6 +15,8 @@ is known in closed form.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
+from fractions import Fraction
 from math import comb, factorial
 
 from flint import acb, arb, arb_poly
@@ -22,6 +24,7 @@ from flint import acb, arb, arb_poly
 from relaxations.errors import SolverError
 from relaxations.plants import precision
 from relaxations.shaping.amplitudes import LEAST, decay_per_radian, named, too_small
+from relaxations.shaping.depths import widened
 from relaxations.shaping.dips import drawn_apart
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.paths import CLOSED, Vector, ordered, solved
@@ -39,11 +42,17 @@ def decayed(mode: Mode, derivatives: int) -> Shaper:
     n = derivatives
     if smallest(mode.damping, n) < LEAST:
         raise SolverError(too_small(f"um-{named(n)}", mode.damping, lambda damping: smallest(damping, n)))
-    with precision(BITS):
-        points, _ = points_of(mode.damping, n)
-        zeta = arb(mode.damping)
-        turning = arb(mode.frequency) * (1 - zeta * zeta).sqrt()
-        return drawn_apart([(mode, n)], [(point / turning, point / turning) for point in points])
+    folds = (n + 1) * math.pi * decay_per_radian(mode.damping)
+    with precision(BITS + 64 * n + math.ceil(4.0 * folds / math.log(2.0))):
+        points, sizes = points_of(mode.damping, n)
+        zeta, omega = arb(mode.damping), arb(mode.frequency)
+        root = (1 - zeta * zeta).sqrt()
+        instants = [point / (omega * root) for point in points]
+        with suppress(SolverError):
+            return drawn_apart([(mode, n)], [(at, at) for at in instants])
+        # Of many derivatives the first dips are wide.
+        integrals = [size * (-zeta / root * point).exp() / (omega * root) for point, size in zip(points, sizes, strict=True)]
+        return drawn_apart([(mode, n)], widened([(mode, n)], instants, integrals, Fraction(1)))
 
 
 def least_up_to_one(mode: Mode, derivatives: int) -> float:

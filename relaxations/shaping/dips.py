@@ -27,7 +27,7 @@ from relaxations.shaping.shapers import Shaper
 WIDTH = 2.0**-26  # of a step, of the duration: doubles tell it to 1e-8, and its height to 1e-16
 TOLD = 2.0**-36  # of the duration: so far apart impulses are told by doubles
 NARROW = 4.0  # widths: a dip that is no wider is two steps
-BITS = 256
+BITS, BITS_EACH = 256, 24  # and for each dip
 
 Dip = tuple[arb, arb]
 """Where it begins and ends [s]; both may be one."""
@@ -45,7 +45,7 @@ def drawn_apart(zeros: Sequence[tuple[Mode, int]], dips: Sequence[Dip], depth: a
     it, as closes the equations. Raises `SolverError` where heights are none.
     """
     fastest, slowest = (pick(mode.damping * mode.frequency for mode, _ in zeros) for pick in (max, min))
-    with precision(BITS + math.ceil(4.0 * (fastest - slowest) * float(dips[-1][1]) / math.log(2.0))):
+    with precision(BITS + BITS_EACH * len(dips) + math.ceil(4.0 * (fastest - slowest) * float(dips[-1][1]) / math.log(2.0))):
         return _solved(zeros, dips, depth, (fastest + slowest) / 2.0)
 
 

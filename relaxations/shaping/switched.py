@@ -28,6 +28,7 @@ from relaxations.refinement import Extremal
 from relaxations.shaping.amplitudes import decay_per_radian, left_in_half_a_period
 from relaxations.shaping.commanded import plant_of, shaper_of
 from relaxations.shaping.decayed import DECAYED, points_of
+from relaxations.shaping.depths import widened
 from relaxations.shaping.dips import Dip, drawn_apart, too_close
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.paths import CLOSED, Point, Vector, followed, ordered, solved
@@ -35,6 +36,7 @@ from relaxations.shaping.ripples import MultipleZero
 from relaxations.shaping.shapers import Shaper
 
 MOST = 20  # derivatives: with more fewer ones point elsewhere
+SOME = 0.25  # damping from which on many derivatives are found from points, fewer steps away than undamped ones
 PROGRAMMED = 6  # derivatives up to which programs in doubles find the undamped sequence
 BITS, BITS_PER_DERIVATIVE = 256, 16
 MOST_BITS = 1000  # a step of Newton's method smaller than by so many is no double
@@ -69,10 +71,12 @@ def phases_of(damping: float, lower: Fraction, upper: Fraction, derivatives: int
     if upper == 1 and left_in_half_a_period(damping) < DECAYED:
         end = _from_points(system, damping, derivatives, 1 - lower)
     else:
-        start = solved(system, [*map(arb, _undamped(lower, upper, derivatives)[:-1]), arb(0)], None, CLOSED)
-        end = None if start is None else Point(start[:-1], arb(0), True)
-        if damping and start is not None:
-            end = followed(system, start[:-1], arb(0), arb(damping), ordered)
+        end = _from_depths(system, damping, derivatives, 1 - lower) if upper == 1 and derivatives > PROGRAMMED and damping > SOME else None
+        if end is None:
+            start = solved(system, [*map(arb, _undamped(lower, upper, derivatives)[:-1]), arb(0)], None, CLOSED)
+            end = None if start is None else Point(start[:-1], arb(0), True)
+            if damping and start is not None:
+                end = followed(system, start[:-1], arb(0), arb(damping), ordered)
     if end is None or not end.goal:
         written = "impulses 1, -1, 1 …" if (lower, upper) == (0, 1) else f"impulses of partial sums {float(lower):g} and {float(upper):g}"
         raise SolverError(f"{written} with {derivatives} derivative(s) were not found at damping {damping!r}; fewer are possible")
@@ -94,6 +98,23 @@ def _from_points(system: MultipleZero, damping: float, derivatives: int, depth: 
         phases = [edges[-1] / root, *((edges[-1] - edge) / root for edge in edges[:-1])]
         found = solved(system, [*phases, zeta], None, 2.0 ** -min(bits / 2, MOST_BITS))
         return None if found is None or not ordered(found[:-1]) else Point(found[:-1], zeta, True)
+
+
+def _from_depths(system: MultipleZero, damping: float, derivatives: int, depth: Fraction) -> Point | None:
+    """From points, which are known at any but small damping, by the dips' depth; None where they are not followed."""
+    folds = (derivatives + 1) * math.pi * decay_per_radian(damping)
+    bits = max(flint.ctx.prec, BITS + 4 * BITS_PER_DERIVATIVE * derivatives + math.ceil(4.0 * folds / math.log(2.0)))
+    with precision(bits), suppress(SolverError):
+        zeta = arb(damping)
+        root = (1 - zeta * zeta).sqrt()
+        points, sizes = points_of(damping, derivatives)
+        integrals = [size * (-zeta / root * point).exp() / root for point, size in zip(points, sizes, strict=True)]
+        dips = widened([(Mode(1.0, damping), derivatives)], [point / root for point in points], integrals, depth)
+        edges = [edge for dip in dips for edge in dip]
+        phases = [edges[-1], *(edges[-1] - edge for edge in edges[:-1])]
+        found = solved(system, [*phases, zeta], None, CLOSED)
+        return None if found is None or not ordered(found[:-1]) else Point(found[:-1], zeta, True)
+    return None
 
 
 def in_doubles(mode: Mode, zeros: Sequence[tuple[Mode, int]], phases: Sequence[arb], given: Sequence[fmpq | int]) -> Shaper:
