@@ -30,6 +30,7 @@ from relaxations.shaping.comparisons import (
     own,
     ripples,
     rounded_down,
+    shortest_of,
     summed,
     sums_of,
     with_negative,
@@ -179,7 +180,7 @@ def _humps(request: Request, number: int) -> Made:
     lower = max(*alone, *(least_with_derivatives(zero, 0) for zero in zeros))
     if len(humped) > 1 or not alone[0]:
         with suppress(SolverError):
-            lower = max(lower, specified([], [(zero, 0) for zero in zeros]).lower or 0.0)
+            lower = max(lower, shortest_of([(zero, 0) for zero in zeros])[1] or 0.0)
     return Made(
         shaper, Least(lower, f"positive shapers that share {own(humped, request.modes)}", tuple(zeros)), notes=ripples(humped, request)
     )
