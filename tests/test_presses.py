@@ -42,6 +42,7 @@ def test_a_limit_that_is_held_keeps_its_prices() -> None:
     assert touching(held) == tuple(held)
     both = [*held, *priced(0.0, 3.0, begin=4.0)]
     assert [press.weight for press in touching(both)] == [1.0, 2.0, 1.0, 3.0]
+    assert touching([]) == ()
 
 
 def test_what_prices_take_off_is_what_a_walk_along_the_costate_says() -> None:
