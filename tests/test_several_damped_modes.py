@@ -10,6 +10,7 @@ import pytest
 from flint import arb, arb_mat
 from scipy.optimize import linprog
 
+from relaxations.errors import SolverError
 from relaxations.plants import precision
 from relaxations.shaping.at_once import dips_at_once, positive_at_once
 from relaxations.shaping.decayed import least_up_to_one
@@ -139,6 +140,12 @@ def test_least_duration_of_convolved_humps_is_that_of_all_zeros() -> None:
     made = make("ei", Request(modes_of((1.0, 0.99), (2.7, 0.99))))
     assert made.least is not None
     assert made.shaper.duration * (1.0 - 1e-5) < made.least.duration < made.shaper.duration
+
+
+@pytest.mark.parametrize("kind", ["zv", "um-zv"])
+def test_what_doubles_do_not_hold_is_told_with_what_they_do(kind: str) -> None:
+    with pytest.raises(SolverError, match=r"dampings of 0\.9999\d* times these are possible"):
+        make(kind, Request(modes_of((1.0, 0.99999), (2.7, 0.99999)), simultaneous=True))
 
 
 def test_the_simplex_method_and_highs() -> None:

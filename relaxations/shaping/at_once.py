@@ -20,9 +20,9 @@ from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import exact, precision, rational
 from relaxations.proofs import extremal_bound
 from relaxations.refinement import Extremal
-from relaxations.shaping.amplitudes import LEAST, decay_per_radian
+from relaxations.shaping.amplitudes import LEAST, decay_per_radian, smallest_of_derivatives
 from relaxations.shaping.commanded import plant_of
-from relaxations.shaping.cones import Points, Zeros, bits_of, shortest
+from relaxations.shaping.cones import Zeros, bits_of, shortest
 from relaxations.shaping.depths import widened
 from relaxations.shaping.dips import Dip, drawn_apart, too_close
 from relaxations.shaping.modes import Mode
@@ -30,7 +30,7 @@ from relaxations.shaping.shapers import Shaper
 from relaxations.shaping.touching import least_of_positive, least_up_to_one_of
 
 LEAST_DECAY = 1e-32  # of a mode while the sequence lasts: with less the digits of certificates do not tell its switches
-TRIED = 4  # dampings, on the way to the largest
+NEARLY, HALVINGS = 2.0, 60  # decimal digits by which amplitudes may differ from it; of a factor of the dampings
 
 
 def decaying(zeros: Zeros) -> float:
@@ -43,13 +43,8 @@ def positive_at_once(zeros: Zeros) -> tuple[Shaper, float | None]:
 
     Derivatives are as many for all modes. Raises `SolverError`.
     """
+    _require_doubles(zeros)
     found = shortest(zeros)
-    if (least := _smallest(found)) < LEAST:
-        raise SolverError(
-            f"{len(zeros)} modes at once take an amplitude below 1e{math.ceil(least)} at these dampings, doubles hold "
-            f"1e{math.ceil(LEAST)}; dampings of {_largest(zeros):.9g} times these are possible; modes like these hardly vibrate: they may "
-            "be left out"
-        )
     with precision(bits_of(zeros)):
         sizes = [arb(1), *found.sizes]
         whole = sum(sizes, arb(0))
@@ -57,23 +52,23 @@ def positive_at_once(zeros: Zeros) -> tuple[Shaper, float | None]:
     return shaper, least_of_positive([mode for mode, _ in zeros], shaper, zeros[0][1])
 
 
-def _smallest(found: Points) -> float:
-    """Decimal logarithm of the smallest amplitude; the first one is 1, nearly."""
-    return min(float(size.log()) for size in found.sizes) / math.log(10.0)
+def _require_doubles(zeros: Zeros) -> None:
+    """Raises `SolverError`, saying what is possible, where the smallest amplitude is no double: it is nearly that of the convolution."""
+    if (least := _smallest(zeros, 1.0)) >= LEAST + NEARLY:
+        return
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if _smallest(zeros, middle) >= LEAST + NEARLY else (low, middle)
+    raise SolverError(
+        f"{len(zeros)} modes at once take an amplitude below 1e{math.ceil(least)}, doubles hold 1e{math.ceil(LEAST)}; dampings of "
+        f"{math.floor(1e9 * low) / 1e9!r} times these are possible; modes like these hardly vibrate: they may be left out"
+    )
 
 
-def _largest(zeros: Zeros) -> float:
-    """A factor of all dampings at which amplitudes are still doubles, near the largest: they fall in proportion to ζ/√(1 - ζ²), nearly."""
-    factor = 1.0
-    for _ in range(TRIED):
-        scaled = [(Mode(mode.frequency, factor * mode.damping), count) for mode, count in zeros]
-        least = _smallest(shortest(scaled))
-        if least >= LEAST:
-            return factor
-        most = max(mode.damping for mode, _ in zeros)
-        wanted = 0.999 * LEAST / least * decay_per_radian(factor * most)
-        factor = math.floor(1e9 * wanted / math.hypot(1.0, wanted) / most) / 1e9
-    return factor
+def _smallest(zeros: Zeros, factor: float) -> float:
+    """Decimal logarithm of the convolution's last amplitude at so many times the dampings."""
+    return sum(smallest_of_derivatives(factor * mode.damping, count) for mode, count in zeros)
 
 
 def dips_at_once(modes: Sequence[Mode], lower: Fraction, derivatives: int) -> tuple[Shaper, float | None]:
@@ -82,6 +77,7 @@ def dips_at_once(modes: Sequence[Mode], lower: Fraction, derivatives: int) -> tu
     Raises `SolverError`.
     """
     zeros = [(mode, derivatives) for mode in modes]
+    _require_doubles(zeros)
     found = shortest(zeros, dips=True)
     depth = 1 - lower
     with precision(bits_of(zeros)):

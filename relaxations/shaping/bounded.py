@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,16 +77,20 @@ def bounded(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int 
             if derivatives > PROGRAMMED or mode.damping > MOST_DAMPED:
                 raise
     # Dips from 1 down are followed to any damping, without a grid: of more than one mode they come first where programs tell little.
-    found, zeros = None, [(mode, derivatives) for mode in modes]
+    found, trouble, zeros = None, None, [(mode, derivatives) for mode in modes]
     if len(modes) > 1 and exact(upper) == 1 and decaying(zeros) > WELL_TOLD:
-        with suppress(SolverError):
+        try:
             shaper, least = dips_at_once(modes, exact(lower), derivatives)
             found = BoundedShaper(shaper, None, least or 0.0)
+        except SolverError as problem:
+            trouble = problem
         if found is not None and found.closed >= (1.0 - NEAR) * found.shaper.duration:
             return found
     try:
         command, bound = _fastest(modes, lower, upper, derivatives, None)
     except SolverError:
+        if trouble is not None:
+            raise trouble from None
         if found is None:
             raise
         return found

@@ -65,10 +65,18 @@ def shortest_of(zeros: Sequence[tuple[Mode, int]]) -> tuple[Shaper, float | None
     In doubles, or where modes decay by more than these tell, in as many digits as that takes. Raises `SolverError`.
     """
     different_zeros = list(dict.fromkeys(zeros))
+    trouble = None
     if decaying(different_zeros) > TOLD:
-        with suppress(SolverError):
+        try:
             return positive_at_once(different_zeros)
-    found = specified([], different_zeros)
+        except SolverError as problem:
+            trouble = problem
+    try:
+        found = specified([], different_zeros)
+    except SolverError:
+        if trouble is not None:
+            raise trouble from None
+        raise
     exact = all(left(found.shaper, mode, count) <= VANISHED for mode, count in zeros)
     if exact and found.lower is not None:
         return found.shaper, found.lower

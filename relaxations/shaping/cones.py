@@ -24,6 +24,7 @@ from relaxations.plants import precision
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.paths import CLOSED, Vector, ordered, solved
 from relaxations.shaping.simplex import cheapest
+from relaxations.shaping.vanishing import possible
 
 BITS = 192
 PER_TURN, CELLS = 24, 64  # columns in a damped period of the fastest mode, and in all at least
@@ -65,7 +66,9 @@ def shortest(zeros: Zeros, dips: bool = False) -> Points:
         while (found := cone.combined(columns[:high])) is None:
             low, high = high, math.ceil(LONGER * high)
             if high > len(columns):
-                raise SolverError(f"no sequence for {len(zeros)} zeros was found on {len(columns)} instants")
+                raise SolverError(
+                    f"no sequence for {len(zeros)} zeros was found on {len(columns)} instants; {possible([mode for mode, _ in zeros])}"
+                )
         found, near = _fewest(cone, columns, low, high, found), step
         for _ in range(3):
             exact = cone.exact(_merged(found.weights, near), found.multipliers)
@@ -78,7 +81,7 @@ def shortest(zeros: Zeros, dips: bool = False) -> Points:
             if best is None:
                 break
             found, near = _fewest(cone, fine, 0, len(fine), best), near / REFINED
-    raise SolverError(f"a sequence for {len(zeros)} zeros at once was found on a grid only")
+    raise SolverError(f"a sequence for {len(zeros)} zeros at once was found on a grid only; {possible([mode for mode, _ in zeros])}")
 
 
 Weights = list[tuple[float, arb]]
