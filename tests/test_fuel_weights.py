@@ -192,3 +192,15 @@ def test_a_price_that_is_none_is_refused(price: str) -> None:
 def test_other_tasks_have_no_weighted_cost(asked: Callable[[], Problem]) -> None:
     with pytest.raises(ManeuverError):
         weighted(asked(), Fraction(1, 2))
+
+
+@pytest.mark.slow
+def test_between_nodes_the_price_is_met_exactly() -> None:
+    # Insensitive to the stiffness, a command between two nodes may be a minimiser: its thinnest coast lasts 0.03 s.
+
+    found = weighted(posed(5.0, robustness=1), Fraction(1, 20))
+    assert found.upper == pytest.approx(7.97841289689, abs=6e-12)
+    assert found.gap is not None
+    assert found.gap <= 1.1e-9
+    assert found.extremal
+    assert found.prices == pytest.approx((0.05, 0.05), rel=1e-7)

@@ -32,7 +32,8 @@ GAIN = 2e-15  # of the value: a step that gains less is none
 DAMPING = 1e-9  # of the Hessian's trace, where it is singular
 FAR = 0.5  # a fraction that is as good as none
 ROUNDS, SETTLED, TIGHT = 7, 3e-7, 1e-10  # of linear programs; the command's relative residual, the gap at which a search has come to an end
-STEPS = 4  # of Newton's method for a root, from a bracket of one sample
+STEPS, TURNS = 40, 4  # of a root's bracket, of one sample, and of Newton's method for an extremum
+NEARLY = 0.25  # of second differences: so close to the price a parabola through samples does not say on which side an extremum is
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,22 +89,51 @@ class Looks:
         return self.turned.T @ costate
 
     def crossings(self, costate: Reals, side: int, price: float) -> Reals:
-        """Times to go in (0, T) at which `side p` crosses `price`, ascending."""
+        """Times to go in (0, T) at which `side p` crosses `price`, ascending; arcs between two samples are seen by their extremum."""
         values = side * (costate @ self.table) - price
         at = np.flatnonzero((values[:-1] < 0.0) != (values[1:] < 0.0))
-        if not len(at):
-            return np.zeros(0)
-        low, high = self.grid[at], self.grid[at + 1]
-        s = low + (high - low) * np.clip(values[at] / (values[at] - values[at + 1]), 0.0, 1.0)
+        s = self.grid[at] + (self.grid[at + 1] - self.grid[at]) * np.clip(values[at] / (values[at] - values[at + 1]), 0.0, 1.0)
         change = self.slope @ costate
-        for _ in range(STEPS):
+        found = np.array([self.grid[at], self.grid[at + 1], s, (values[at] < 0.0).astype(float)])
+        low, high, s, rises = np.hstack([found, self._between(values, costate, change, side, price)])
+        for _ in range(STEPS if len(s) else 0):
             table = self.rows(s)
-            slope = side * (change @ table)
-            step = np.divide(side * (costate @ table) - price, slope, out=np.zeros_like(s), where=slope != 0.0)
-            s = np.clip(s - step, low, high)
-            if np.abs(step).max() <= 1e-15 * self.maneuver_time:
+            off, slope = side * (costate @ table) - price, side * (change @ table)
+            before = (off < 0.0) == (rises > 0.0)
+            low, high = np.where(before, s, low), np.where(before, high, s)
+            nearer = s - np.divide(off, slope, out=np.full_like(s, np.inf), where=slope != 0.0)
+            nearer = np.where((nearer >= low) & (nearer <= high), nearer, (low + high) / 2)  # Newton's method, or halves
+            moved, s = np.abs(nearer - s).max(), nearer
+            if moved <= 1e-15 * self.maneuver_time:
                 break
-        return s
+        return np.sort(s)
+
+    def _between(self, values: Reals, costate: Reals, change: Reals, side: int, price: float) -> Reals:
+        """Pairs of crossings between samples of one sign: their brackets, where a parabola has them, whether it rises: (4, 2 k)."""
+        before, here, after = values[:-2], values[1:-1], values[2:]
+        bend = before - 2.0 * here + after
+        off = here < 0.0
+        turns = np.where(off, (here >= before) & (here > after) & (bend < 0.0), (here <= before) & (here < after) & (bend > 0.0))
+        at = np.flatnonzero(turns & ((before < 0.0) == off) & ((after < 0.0) == off))
+        peak = here[at] - (before[at] - after[at]) ** 2 / (8.0 * bend[at])
+        most = np.abs(bend[np.clip(at + np.array([[-1], [0], [1]]), 0, len(bend) - 1)]).max(axis=0, initial=0.0)
+        at = at[((peak < 0.0) != off[at]) | (np.abs(peak) <= NEARLY * most)]
+        if not len(at):
+            return np.zeros((4, 0))
+        first, last = self.grid[at], self.grid[at + 2]
+        top = (first + last) / 2 + (before[at] - after[at]) / (2.0 * bend[at]) * (last - first) / 2
+        turn = self.slope @ change
+        for _ in range(TURNS):
+            table = self.rows(top)
+            curved = turn @ table
+            top = np.clip(top - np.divide(change @ table, curved, out=np.zeros_like(top), where=curved != 0.0), first, last)
+        table = self.rows(top)
+        height, curved = side * (costate @ table) - price, np.abs(turn @ table)
+        seen = ((height < 0.0) != off[at]) & (curved > 0.0)
+        top, first, last, rises = top[seen], first[seen], last[seen], off[at][seen]
+        apart = np.sqrt(2.0 * np.abs(height[seen]) / curved[seen])
+        guesses = np.append(np.maximum(top - apart, first), np.minimum(top + apart, last))
+        return np.array([np.append(first, top), np.append(top, last), guesses, np.append(rises, ~rises).astype(float)])
 
 
 @dataclass(frozen=True, slots=True)
