@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from flint import arb, arb_mat
+from marks import slow
 from scipy.optimize import linprog
 
 from relaxations.errors import SolverError
@@ -50,7 +51,7 @@ def left(shaper: Shaper, mode: Mode, power: int) -> float:
         ("zvd", ((1.0, 0.9), (2.7, 0.9)), 1),
         ("um-zv", ((1.0, 0.99), (2.7, 0.99)), 0),
         ("um-zv", ((1.0, 0.99), (2.7, 0.0)), 0),
-        ("um-zvd", ((1.0, 0.99), (2.7, 0.99)), 1),
+        slow("um-zvd", ((1.0, 0.99), (2.7, 0.99)), 1),
     ],
 )
 def test_nothing_is_left_and_none_is_shorter(kind: str, pairs: tuple[tuple[float, float], ...], derivatives: int) -> None:
@@ -135,6 +136,7 @@ def test_least_duration_of_a_convolution_is_that_of_all_modes() -> None:
     assert not made.notes
 
 
+@pytest.mark.slow
 def test_least_duration_of_convolved_humps_is_that_of_all_zeros() -> None:
     """Of two modes at a damping of 0.99: 7.50 s; the zeros of one of them alone take 5.48 s."""
     made = make("ei", Request(modes_of((1.0, 0.99), (2.7, 0.99))))
