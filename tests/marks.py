@@ -19,10 +19,10 @@ def first(quick: int, cases: Iterable[Any]) -> list[Any]:
     return cases[:quick] + [slow(*case) if isinstance(case, tuple) else slow(case) for case in cases[quick:]]
 
 
-def in_turn(names: Iterable[str], versions: tuple[str, str] = ("2.0", "3.0")) -> list[Any]:
-    """Every name with both versions; in the fast suite with one of them, in turn."""
+def in_turn(names: Iterable[str], versions: tuple[str, str] = ("2.0", "3.0"), quick: int | None = None) -> list[Any]:
+    """Every name with both versions; in the fast suite with one of them, in turn, and no more than the `quick` first names."""
     return [
-        (name, version) if place % 2 == which else slow(name, version)
+        (name, version) if place % 2 == which and (quick is None or place < quick) else slow(name, version)
         for place, name in enumerate(names)
         for which, version in enumerate(versions)
     ]

@@ -298,6 +298,7 @@ def wait_for_logs(process: subprocess.Popen[str], folder: Path, count: int) -> N
         time.sleep(0.002)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="sends signals")
 @pytest.mark.parametrize(
     ("sent", "code"),

@@ -131,6 +131,7 @@ def test_a_start_is_told_to_six_digits(name: str, side: str, factor: str) -> Non
 # Pulses.
 
 
+@pytest.mark.slow
 def test_the_claim_says_what_pulses_are_meant() -> None:
     said = claim(check(proven_limited("pulsed")))
     assert "u is -1, 1 or 0, in pulses" in said

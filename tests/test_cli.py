@@ -278,6 +278,7 @@ def test_help_imports_nothing_heavy() -> None:
     assert done.stdout.splitlines()[-1] == "heavy: []"
 
 
+@pytest.mark.slow
 def test_a_terminal_without_our_signs_gets_question_marks(tmp_path: Path) -> None:
     file = small_study(tmp_path, samples=0)
     done = process("verify", file, "--out", tmp_path / "out", PYTHONIOENCODING="ascii")

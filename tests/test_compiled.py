@@ -12,6 +12,7 @@ import pytest
 from array_plant import build_chain
 from event_plants import build_event_plant
 from fault_plants import FAULTS, build_fault
+from marks import first
 from test_events import EVENTS
 from test_workers import BANG, PATIENCE, experiment
 
@@ -73,7 +74,7 @@ def test_commands(command: Command, version: FmiVersion, workers: dict[str, Work
     assert len(outcome.trajectory.times) > 10.0 / 0.013
 
 
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize("name", first(6, FAULTS))
 def test_faults(name: str, workers: dict[str, Worker], monkeypatch: pytest.MonkeyPatch) -> None:
     version = VERSIONS[FAULTS.index(name) % 2]  # all of them with both: in tests/test_fault_table.py, compiled
     both(workers, experiment(build_fault(name, version)), monkeypatch, 0.5 if name == "hang" else PATIENCE)

@@ -92,6 +92,7 @@ def needed_in(
     return float(found.fun) if found.status == 0 else np.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("start", "tail"),
     [

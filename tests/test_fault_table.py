@@ -26,7 +26,7 @@ def test_every_fault_has_a_row() -> None:
     assert {*FAULTS, *NAMES} == set(ROWS)
 
 
-@pytest.mark.parametrize(("name", "version"), in_turn(sorted(ROWS)))
+@pytest.mark.parametrize(("name", "version"), in_turn(sorted(ROWS), quick=20))
 def test_a_fault_ends_as_its_row_says(name: str, version: Literal["2.0", "3.0"], tmp_path: Path) -> None:
     if name == "leak" and sys.platform != "linux":
         pytest.skip("other systems do not enforce a limit of memory")

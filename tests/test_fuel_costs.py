@@ -83,6 +83,7 @@ def test_what_makes_no_sense_is_told(tmp_path: Path, arguments: tuple[object, ..
 PRICED = "[command]\nalpha = 1.0\n"
 
 
+@pytest.mark.slow
 def test_a_study_with_a_price_is_bound_and_its_certificate_matches(tmp_path: Path) -> None:
     file = tmp_path / "study.toml"
     file.write_text(RIGID + PRICED)

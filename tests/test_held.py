@@ -134,6 +134,7 @@ def test_the_other_way_is_the_mirror() -> None:
     assert back.command.segments[0].level == -1.0
 
 
+@pytest.mark.slow
 def test_the_claim_says_what_family_it_is_about() -> None:
     found = bound("spring", "5", None, 1)
     assert found.certificate is not None

@@ -152,6 +152,7 @@ def test_humps_keep_the_tolerance_to_the_last_digit_over_their_own_range(kind: s
     assert wider.worst[0] > tolerance, "its range ends there"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [slow(0.0), 0.1, slow(0.4)])
 def test_convolution_equals_the_simultaneous_solution_for_one_mode_and_is_longer_for_two(damping: float):
     """n shapers in a row for one mode are the shortest with n - 1 derivatives; for two modes one solution is shorter."""

@@ -47,7 +47,7 @@ MISSED = {
     "two_mass_spring_limit": ("SPRING-001", "peak(spring)"),
 }
 # A nonlinear plant whose mode varies, shapers, an FMU that refuses what no thruster can do; the others are for `make slow`.
-QUICK = {"gantry_crane_shaped", "robot_arm_shaped", "spacecraft"}
+QUICK = {"gantry_crane_shaped", "spacecraft"}
 PAIRS = [
     pytest.param(name, version, id=f"{name}-{version}", marks=[] if name in QUICK and version == "3.0" else [pytest.mark.slow])
     for name in MISSED

@@ -75,6 +75,7 @@ def test_all_say_the_same_of_what_is_no_command(text: str, words: str, tmp_path:
     assert told[0].strip() in told[1]
 
 
+@pytest.mark.slow
 def test_every_command_makes_the_folders_that_it_writes_to(answer: Path, tmp_path: Path) -> None:
     zv = ("shaper", "zv", "--mode", "1Hz:0")
     move = (*zv, "--move", "1", "--input", "-1:1")

@@ -131,6 +131,7 @@ def best(missed: Callable[[Reals, Reals], Reals], room: float, width: float, cou
     return shortest
 
 
+@pytest.mark.slow
 def test_no_other_search_finds_a_shorter_one_for_the_plant_that_varies() -> None:
     def missed(u: Reals, durations: Reals) -> Reals:
         t = np.concatenate([[0.0], np.cumsum(durations)])

@@ -63,6 +63,7 @@ def test_inspect_names_both(fmu: tuple[Path, str, str]) -> None:
     assert open_archive(path).binary_sha256("model-exchange") == exchanged
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interface", [slow("co-simulation"), "model-exchange"])
 def test_a_study_records_the_one_that_it_ran(fmu: tuple[Path, str, str], interface: str, tmp_path: Path) -> None:
     path, stepped, exchanged = fmu

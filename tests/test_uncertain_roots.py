@@ -151,6 +151,7 @@ def test_boxes_without_width_are_the_one_plant():
     assert times[-1].lower >= nominal * (1 - 1e-3)
 
 
+@pytest.mark.slow
 def test_nested_boxes_are_ordered():
     widths = [tolerant("spring", (("mode[1].frequency", low, high),), "1") for low, high in (("1", "1"), ("0.95", "1.02"), ("0.9", "1.1"))]
     for smaller, larger in pairwise(widths):

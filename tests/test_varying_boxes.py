@@ -29,6 +29,8 @@ from relaxations.varying_boxes import VaryingBox, varying_box_time
 
 Reals = NDArray[np.float64]
 
+pytestmark = pytest.mark.slow  # the tests without a solver are in test_checking_varied*.py
+
 MOVE = Maneuver(Fraction(3), Limits.of(-1, 1))
 ONE = Fraction(1)
 

@@ -159,6 +159,7 @@ def test_every_log_of_a_run_that_did_not_pass_is_kept(tmp_path: Path) -> None:
     assert {Path(path).stem for path in digests(tmp_path / "out", "runs/*.mcap")} == {"0000-nominal", *failed}
 
 
+@pytest.mark.slow
 def test_all_logs_are_kept_where_asked(tmp_path: Path) -> None:
     verify(load_study(small_study(tmp_path, KEEP_ALL, samples=5)), tmp_path / "out")
     assert len(digests(tmp_path / "out", "runs/*.mcap")) == 5

@@ -63,6 +63,7 @@ def test_the_design_is_on_the_grid_before_anything_runs_and_says_what_that_costs
     assert words in (on_a_grid / "out" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_runs_on_the_grid_have_points_there_only_and_measured_errors(on_a_grid: Path) -> None:
     rows = run_table(on_a_grid / "out")
     assert {row["status"] for row in rows.values()} == {"finished"}

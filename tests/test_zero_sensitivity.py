@@ -134,6 +134,7 @@ def same(root: Any, value: complex) -> bool:
     return min(abs(written - value), abs(written - value.conjugate())) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first(2, ROOTS))
 def test_a_moved_zero_moves_the_output_by_no_more(name: str) -> None:
     """By a thousandth of the shift asked for, in whatever direction: at worst a thousandth of the residual, and in some direction that."""
