@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from flint import arb, fmpq
 from forgery import certificate, command, costate, task
+from marks import first
 
 from relaxations.checking import members
 from relaxations.checking.claims import Outcome, check, claim
@@ -122,7 +123,7 @@ def constant(c: Any) -> Terms:
 
 @pytest.mark.parametrize("rigid", [0, 1])
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", first(3, range(6)))
 def test_every_plant_rests_near_the_target_or_not(seed: int, sign: int, rigid: int) -> None:
     """A gain a(k)/d(k) against its exact values over a grid: a fiftieth more than the worst is proven, a fiftieth less refuted."""
     rng = random.Random(seed)

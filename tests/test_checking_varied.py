@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from forgery import certificate, task
+from marks import slow
 from numpy.typing import NDArray
 from scipy.optimize import root_scalar
 
@@ -202,7 +203,7 @@ RAMPS = {
 
 
 @pytest.mark.parametrize("name", RAMPS)
-@pytest.mark.parametrize(("spring", "fuel"), [(False, False), (True, False), (False, True)])
+@pytest.mark.parametrize(("spring", "fuel"), [slow(False, False), (True, False), (False, True)])
 def test_inputs_of_limited_slope(name: str, spring: bool, fuel: bool) -> None:
     ramps = json.loads(json.dumps(RAMPS[name]))
     case = Case(20 + len(name), spring=spring, fuel=fuel, rate=True, stay=not spring)

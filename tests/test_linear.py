@@ -261,7 +261,7 @@ def test_a_plant_that_does_not_rest_is_a_mistake_of_the_study(tmp_path: Path, pe
 
 
 @pytest.mark.parametrize(
-    ("name", "version"), in_turn(sorted({*shipped()} - {"spacecraft"}))
+    ("name", "version"), in_turn(sorted({*shipped()} - {"spacecraft"}), quick=5)
 )  # its thrusters are on or off: its study compares the whole run
 def test_shipped_plants_are_their_twins(name: str, version: FmiVersion) -> None:
     """Every output that a twin describes, moved with the natural size of the input: 1e-11 of the response is what the integrator leaves.

@@ -72,7 +72,7 @@ def outputs(name: str) -> tuple[str, ...]:
     return tuple(read_twin(open_archive(build(name)).twin or "").outputs)
 
 
-@pytest.mark.parametrize(("name", "version"), in_turn(shipped()))
+@pytest.mark.parametrize(("name", "version"), in_turn(shipped(), quick=5))
 def test_derivatives_and_differences_are_the_twin(name: str, version: FmiVersion, worker: Worker, tmp_path: Path) -> None:
     for output in outputs(name):
         for method in ("derivatives", "differences"):

@@ -60,6 +60,7 @@ def test_a_study_of_filters_says_what_is_left_out(study: Path) -> None:
     assert given["duration"] == 2.5
 
 
+@pytest.mark.slow
 def test_files_and_pictures(study: Path, tmp_path: Path) -> None:
     done = run(study, "--delays", 1, "--form", "last+step", "--save", tmp_path / "f.json", "--plot", tmp_path / "f.svg")
     assert done.exit_code == 0

@@ -117,7 +117,7 @@ SAMPLED = {
 }
 
 
-@pytest.mark.parametrize("which", [slow(which) if which in ("all", "held", "outputs", "steps") else which for which in SAMPLED])
+@pytest.mark.parametrize("which", [slow(which) if which in ("all", "held", "outputs", "steps", "start") else which for which in SAMPLED])
 def test_samples_are_counted_as_another_program_counts_them(which: str) -> None:
     plant, maneuver = SAMPLED[which]
     found, _, _ = proven(varying_problem(plant, replace(maneuver, sample_time=STEP)))

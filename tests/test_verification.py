@@ -119,6 +119,7 @@ def test_fmi_2_and_3_of_the_plant_give_the_same_results(tmp_path: Path, fmu: str
 # Undecided
 
 
+@pytest.mark.slow
 def test_a_limit_within_the_numerical_error_is_undecided(tmp_path: Path) -> None:
     step = "[simulation]\nstep = 0.4"
     first = small_study(tmp_path, samples=2)
