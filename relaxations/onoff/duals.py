@@ -33,6 +33,7 @@ DAMPING = 1e-9  # of the Hessian's trace, where it is singular
 FAR = 0.5  # a fraction that is as good as none
 ROUNDS, SETTLED, TIGHT = 7, 3e-7, 1e-10  # of linear programs; the command's relative residual, the gap at which a search has come to an end
 STEPS, TURNS = 40, 4  # of a root's bracket, of one sample, and of Newton's method for an extremum
+CLOSE = 1e-11  # of the duration: the last step of Newton's method for a root, quadratic down to arcs of a millionth
 NEARLY = 0.25  # of second differences: so close to the price a parabola through samples does not say on which side an extremum is
 
 
@@ -104,7 +105,7 @@ class Looks:
             nearer = s - np.divide(off, slope, out=np.full_like(s, np.inf), where=slope != 0.0)
             nearer = np.where((nearer >= low) & (nearer <= high), nearer, (low + high) / 2)  # Newton's method, or halves
             moved, s = np.abs(nearer - s).max(), nearer
-            if moved <= 1e-15 * self.maneuver_time:
+            if moved <= CLOSE * self.maneuver_time:  # the next one is closer than a double tells
                 break
         return np.sort(s)
 
