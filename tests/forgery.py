@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
@@ -17,7 +18,7 @@ import rfc8785
 from problems import KNOWN, Known, transfer
 
 from relaxations.checking import balls
-from relaxations.checking.reading import read
+from relaxations.checking.reading import TASK, read, shaped
 from relaxations.initial import from_output
 from relaxations.maneuvers import Limits, Maneuver, Problem, problem
 from relaxations.plants import exact
@@ -214,6 +215,14 @@ def system(of: dict[str, Any], bits: int = 128) -> balls.System:
     balls.work["left"] = 1e9
     with flint.ctx.workprec(bits):
         return balls.system(read(certificate(of, lower="1", witnesses=(costate(), None))).task)
+
+
+@contextmanager
+def posed(of: dict[str, Any], bits: int = 128) -> Iterator[balls.System]:
+    """A task's equations in balls, with the precision in force that they were made with and work enough to look at them."""
+    balls.work["left"] = 1e12
+    with flint.ctx.workprec(bits):
+        yield balls.system(shaped(of, TASK, "task"))
 
 
 def known(name: str) -> Known:

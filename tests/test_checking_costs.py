@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import copy
 import random
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 from typing import Any
 
-import flint
 import pytest
 from corruption import at, nudge, numbers, put
 from flint import fmpq
-from forgery import RECORDED, changed, forged, number, opened, task, written
+from forgery import RECORDED, changed, forged, number, opened, posed, task, written
 from problems import transfer
 
 from relaxations.checking import costs, lower
-from relaxations.checking.balls import System, system, work
+from relaxations.checking.balls import System
 from relaxations.checking.claims import Outcome, check, claim
-from relaxations.checking.reading import PIECES, TASK, Malformed, Refuted, Undecided, shaped
+from relaxations.checking.reading import PIECES, Malformed, Refuted, Undecided, shaped
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.onoff.weights import weighted
 from relaxations.plants import exact
@@ -237,15 +235,6 @@ def least_of(
     levels = [*([price + 1 / high] if high else []), *([-price + 1 / low] if low else [])]
     inner = [(level - a) / b for level in levels if times[0] < (level - a) / b < times[1]]
     return min(time + b * way - integral(p, limits, price, time) for time in (*times, *inner))
-
-
-@contextmanager
-def posed(of: dict[str, Any], bits: int = 128) -> Iterator[System]:
-    before, flint.ctx.prec, work["left"] = flint.ctx.prec, bits, 1e12
-    try:
-        yield system(shaped(of, TASK, "task"))
-    finally:
-        flint.ctx.prec = before
 
 
 def one_piece(begin: Fraction, end: Fraction, *coefficients: Fraction) -> Any:

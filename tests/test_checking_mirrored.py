@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
-from contextlib import contextmanager
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
-import flint
 import numpy as np
 import pytest
 from flint import arb, fmpq
-from forgery import certificate, task
+from forgery import certificate, posed, task
 from scipy.linalg import expm
 
 from relaxations.checking import upper
-from relaxations.checking.balls import System, system, work
 from relaxations.checking.claims import Outcome, check
 from relaxations.checking.mirrored import Half
-from relaxations.checking.reading import TASK, UPPER, Malformed, shaped
+from relaxations.checking.reading import UPPER, Malformed, shaped
 
 MASSES, THREE = ["1", "0", "2", "0", "0"], ["1", "0", "1", "0"]
 TWO = [("0", "1"), ("2.2507908", "0"), ("4.4428829", "-1")]
@@ -136,15 +132,6 @@ def test_limits_hold_for_both_halves() -> None:
 
 
 # Any mirrored command, against the flow of the plant.
-
-
-@contextmanager
-def posed(of: dict[str, Any]) -> Iterator[System]:
-    before, flint.ctx.prec, work["left"] = flint.ctx.prec, 128, 1e12
-    try:
-        yield system(shaped(of, TASK, "task"))
-    finally:
-        flint.ctx.prec = before
 
 
 PLANTS = {

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import copy
 import random
-from collections.abc import Iterator
-from contextlib import contextmanager
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
-import flint
 import pytest
 from flint import fmpq
-from forgery import certificate, costate, number, task, written
+from forgery import certificate, costate, number, posed, task, written
 
 from relaxations.checking import lower, pulses
-from relaxations.checking.balls import System, system, work
+from relaxations.checking.balls import work
 from relaxations.checking.claims import Outcome, check
-from relaxations.checking.reading import LEAF, PULSES, TASK, Undecided, shaped
+from relaxations.checking.reading import LEAF, PULSES, Undecided, shaped
 
 F = Fraction
 Four = tuple[Fraction, Fraction, Fraction, Fraction]  # where a pulse may begin and end in time to go
@@ -221,15 +218,6 @@ def test_trees_are_of_so_many_pulses_and_the_work_on_them_is_counted() -> None:
 
 
 # A double integrator: p = a + b s, whose integrals are fractions.
-
-
-@contextmanager
-def posed(of: dict[str, Any], bits: int = 128) -> Iterator[System]:
-    before, flint.ctx.prec, work["left"] = flint.ctx.prec, bits, 1e12
-    try:
-        yield system(shaped(of, TASK, "task"))
-    finally:
-        flint.ctx.prec = before
 
 
 def exactly(x: Fraction) -> fmpq:

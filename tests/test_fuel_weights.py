@@ -203,4 +203,4 @@ def test_between_nodes_the_price_is_met_exactly() -> None:
     assert found.gap is not None
     assert found.gap <= 1.1e-9
     assert found.extremal
-    assert found.prices == pytest.approx((0.05, 0.05), rel=1e-7)
+    assert found.prices == pytest.approx((0.05, 0.05), rel=2e-7)  # the secant ends at 1e-7, the interval is as wide as SLACK

@@ -50,7 +50,8 @@ SCANNED, ROUNDS = 16, 36  # times at which the least fuel is computed first, and
 EACH_PERIOD, MOST_SCANNED = 5, 160  # times for each period of the slowest mode: every node may be a valley of its own
 BESIDE = (1e-6, 1e-5, 1e-4, 1e-3)  # … and times beside the fastest move (relative), for small prices
 SETTLED = 1e-10  # of the time: bounds of the best one that are closer are as good as one
-STRIDE, STEPS, MET = 1e-5, 6, 1e-9  # of the budget, and of the secant for the one whose price is asked for, which is met so closely
+STRIDE, STEPS, MET = 1e-5, 6, 1e-7  # of the budget, and of the secant for the one whose price is asked for; SLACK tells no closer
+ALIKE = 1e-14  # relative: costs that differ by less are equal
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +169,9 @@ def weighted(problem: Problem, price: Fraction) -> Weighted:
     def costs(bound: Bound) -> float:
         return np.inf if bound.command is None or bound.upper is None else bound.upper + alpha * bound.command.fuel(posed.rest)
 
-    best = min([*bounds, *_priced(posed, alpha, min(bounds, key=costs))], key=costs)
+    best = min(bounds, key=costs)
+    if costs(beside := _priced(posed, alpha, best)) <= costs(best) * (1.0 + ALIKE):
+        best = beside
     task, cost = certificates.task(posed), costs(best)
     assert best.command is not None
     upper, witness = _above(task, price, best, cost)
@@ -191,22 +194,24 @@ def _bounds(problem: Problem, price: float, cheapest: float, fuel: float) -> lis
     return found
 
 
-def _priced(problem: Problem, price: float, found: Bound) -> list[Bound]:
-    """Fastest commands beside one, by a secant for the budget of the price asked for: between nodes it changes smoothly with it."""
-    beside: list[Bound] = []
-    known: list[tuple[float, float]] = []  # budgets, and how far their prices are off
+def _priced(problem: Problem, price: float, found: Bound) -> Bound:
+    """The fastest command beside one whose price is nearest to the one asked for, by a secant for its budget: between nodes the price
+    changes smoothly with it."""
+    best, known = found, list[tuple[float, float]]()  # budgets, and how far their prices are off
     for _ in range(STEPS):
         prices = None if found.command is None else extremal_prices(problem, found.command)
         if found.status is not Status.PROVED or found.command is None or prices is None:
             break
-        beside.append(found)
         known.append((found.command.fuel(problem.rest), float(np.clip(price, *prices)) / price - 1.0))
         (a, f), (b, g) = (known[-2:] * 2)[:2]
-        if abs(g) <= MET or (len(known) > 1 and not abs(g) < abs(f)):
+        if len(known) > 1 and not abs(g) < abs(f):
+            break
+        best = found
+        if abs(g) <= MET:
             break
         budget = b * (1.0 + np.copysign(STRIDE, g)) if len(known) == 1 else b - g * (b - a) / (g - f)
         found = minimum_time(within(problem, Fraction(budget)), near=found.upper)
-    return beside
+    return best
 
 
 def _require(problem: Problem) -> None:
