@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from suite.comparison import Comparison
 from suite.console import coloured, escape, out, short
 from suite.shaper_text import shaper_lines
-from suite.shaping import Shaping
+
+if TYPE_CHECKING:
+    from suite.comparison import Comparison
+    from suite.shaping import Shaping
 
 
 def decimals(column: Sequence[float]) -> list[str]:

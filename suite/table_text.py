@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from decimal import ROUND_CEILING, ROUND_FLOOR
+from typing import TYPE_CHECKING
 
 from relaxations.bounds import Bound, Status
 from suite.rounding import outward
-from suite.tables import Table
+
+if TYPE_CHECKING:
+    from suite.tables import Table
 
 BRACKET = ("switches", "lower [s]", "upper [s]", "gap", "status", "ms")
 
