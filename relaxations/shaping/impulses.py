@@ -18,6 +18,7 @@ from relaxations.shaping.shapers import Shaper
 
 Reals = NDArray[np.float64]
 
+SPAN = 0.75  # of half a damped period is the spacing of mzv's three impulses
 MOST_NEGATIVE = 1e4  # what rounding leaves is then 1e-12
 
 
@@ -45,15 +46,19 @@ def mzv(mode: Mode) -> Shaper:
     Equally spaced impulses `(1, -2 Re q, |q|²)/(1 - 2 Re q + |q|²)`, q = e^{-κω·3P/8}, have their only zeros at the mode. This holds at any
     damping, as far as doubles hold the last amplitude; beyond that raises `ShaperError`.
     """
-    if _smallest_of_mzv(mode.damping) < LEAST:
-        raise ShaperError(too_small("mzv", mode.damping, _smallest_of_mzv))
-    spacing = 0.75 * mode.half_period
-    return equally_spaced(mode, spacing)
+    require_mzv(mode)
+    return equally_spaced(mode, SPAN * mode.half_period)
 
 
-def _smallest_of_mzv(damping: float) -> float:
+def require_mzv(mode: Mode) -> None:
+    """Raises `ShaperError` where doubles do not hold the last amplitude."""
+    if smallest_of_mzv(mode.damping) < LEAST:
+        raise ShaperError(too_small("mzv", mode.damping, smallest_of_mzv))
+
+
+def smallest_of_mzv(damping: float) -> float:
     """Decimal logarithm of the last amplitude, |q|²/(1 - 2 Re q + |q|²), q = e^{3π(r + j)/4}⁻¹."""
-    folds = 0.75 * math.pi * decay_per_radian(damping)
+    folds = SPAN * math.pi * decay_per_radian(damping)
     size = math.exp(-folds)
     return (-2.0 * folds - math.log1p(math.sqrt(2.0) * size + size * size)) / math.log(10.0)
 

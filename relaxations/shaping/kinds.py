@@ -44,8 +44,10 @@ from relaxations.shaping.insensitive import specified
 from relaxations.shaping.insensitive_samples import within_on_samples
 from relaxations.shaping.least_durations import Remnant, least_with_derivatives
 from relaxations.shaping.modes import Mode
+from relaxations.shaping.mzv_samples import mzv_on_samples
 from relaxations.shaping.negative_amplitudes import negative_at_once
 from relaxations.shaping.negative_samples import negative_on_samples, within_sums_on_samples
+from relaxations.shaping.promises import all_modes, all_once, between_humps, between_unity_humps
 from relaxations.shaping.pulses import at_intervals, pulsed
 from relaxations.shaping.ranges import humped_ranges
 from relaxations.shaping.requests import Least, Made, Request
@@ -96,7 +98,7 @@ def make(name: str, request: Request) -> Made:
     made = kind.make(request, number)
     # In closed form zeros are exact but for rounding, and for amplitudes that are too small for doubles.
     closed = kind.make is _derivatives and request.sample_time is None and not request.simultaneous
-    if kind.zeros is not None and kind.zeros in (_all, _once):
+    if kind.zeros is not None and kind.zeros in (all_modes, all_once):
         if not closed:
             require(name, made.shaper, *kind.zeros(request, number))
     elif kind.zeros is not None and made.least and made.least.zeros:
@@ -218,7 +220,13 @@ def _unity_humps(request: Request, number: int) -> Made:
 
 
 def _modified(request: Request, number: int) -> Made:
-    return compared(_in_turn(request.modes, mzv), [(mode, 0) for mode in request.modes])
+    zeros, step = [(mode, 0) for mode in request.modes], request.sample_time
+    if step is None:
+        return compared(_in_turn(request.modes, mzv), zeros)
+    shaper, needed = _in_turn(request.modes, lambda mode: mzv_on_samples(mode, step)), 0
+    with suppress(SolverError):  # what is free needs less: that is then the bound
+        needed = sampled(zeros, step).needed
+    return _on_samples(Sampled(shaper, needed), step, zeros)
 
 
 def _with_samples(
@@ -345,22 +353,6 @@ def _given(request: Request, number: int) -> Made:
     return Made(shaper, with_negative(shaper, remnants, "no more left of any mode than this one leaves"))
 
 
-def _all(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return different(request.modes), number
-
-
-def _once(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return different(request.modes), 0
-
-
-def _between_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return tuple(zero for mode in different(request.modes) for zero in extra_insensitive(mode, request.tolerance, number).zeros), 0
-
-
-def _between_unity_humps(request: Request, number: int) -> tuple[tuple[Mode, ...], int]:
-    return tuple(zero for mode in different(request.modes) for zero in unity_magnitude(mode, request.tolerance, number).zeros), 0
-
-
 _PERIOD = (
     "asks for what mzv is not: it is told by 3/4 of one mode's period, and several modes have several; without it one for each mode is "
     "convolved, and zv with it is the shortest positive shaper of the same zeros"
@@ -371,24 +363,25 @@ KINDS = (
     # It takes every option, so that a request can be compared with what is left without a shaper by changing one word.
     Kind("none", "none", "unshaped: one impulse at once", _unshaped, frozenset(OPTIONS)),
     Kind("zv, zvd, zvdd, zv-d:N", r"zv(?:(?P<d>d*)|-d:(\d+))", "zero vibration, and N derivatives of it", _derivatives,
-         _EITHER | {"sample_time"}, zeros=_all),
+         _EITHER | {"sample_time"}, zeros=all_modes),
     Kind("ei, N-hump-ei", r"(?:([1-9]\d*)-hump-)?ei", "extra insensitive: the tolerance at N humps", _humps,
-         _EITHER | {"sample_time"}, zeros=_between_humps),
-    Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE, zeros=_once, apart=_PERIOD),
+         _EITHER | {"sample_time"}, zeros=between_humps),
+    Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE | {"sample_time"},
+         zeros=all_once, apart=_PERIOD),
     Kind("si", "si", "the shortest within the tolerance over the band", _insensitive,
          _EITHER | {"sample_time"}),
     Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity,
-         _EITHER | {"sample_time"}, zeros=_all),
+         _EITHER | {"sample_time"}, zeros=all_modes),
     Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps,
          _EITHER | {"sample_time"},
-         zeros=_between_unity_humps),
+         zeros=between_unity_humps),
     Kind("sna-zv", "sna-zv", "impulses A, -b, 1 + b - A", _negative, _EITHER | {"negative", "sample_time"}, frozenset({"negative"}),
-         _once),
+         all_once),
     Kind("sums-zv, sums-zvd, sums-zv-d:N", r"sums-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest with partial sums within bounds", _sums,
-         _EITHER | {"sums", "sample_time"}, frozenset({"sums"}), _all),
+         _EITHER | {"sums", "sample_time"}, frozenset({"sums"}), all_modes),
     Kind("pulses-zv, pulses-zvd, pulses-zv-d:N", r"pulses-zv(?:(?P<d>d*)|-d:(\d+))", "pulses of one height and variable duration", _on_off,
-         frozenset({"height", "sample_time", "simultaneous"}), frozenset({"height"}), _all),
+         frozenset({"height", "sample_time", "simultaneous"}), frozenset({"height"}), all_modes),
     Kind("dl-zv, dl-zvd, dl-zv-d:N", r"dl-zv(?:(?P<d>d*)|-d:(\d+))", "the shortest that deflects no mode beyond a limit", _deflected,
-         _EITHER | {"deflection", "sums", "sample_time"}, frozenset({"deflection"}), _all),
+         _EITHER | {"deflection", "sums", "sample_time"}, frozenset({"deflection"}), all_modes),
     Kind("custom", "custom", "impulses that are given", _given, _PULSE | {"impulses"}, frozenset({"impulses"})),
 )  # fmt: skip
