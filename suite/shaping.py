@@ -183,14 +183,13 @@ def assess(kind: str, request: Request, damping: tuple[float, float] | None = No
 
 
 def _reach(shaper: Shaper, number: int, band: Band) -> Reach:
-    times, amplitudes, order = shaper.excitation
-    exact = [Fraction(t) for t in times], [Fraction(a) for a in amplitudes]
+    times, amplitudes, order = shaper.exact_excitation
     low, high = band.dampings or (band.mode.damping, band.mode.damping)
     frequencies = [Fraction(repr(factor)) * Fraction(repr(band.mode.frequency)) for factor in (band.low, band.high)]
     box = (frequencies[0], frequencies[1]), (Fraction(repr(low)), Fraction(repr(high)))
 
     def enclosed(closely: float) -> Worst:
-        return worst_residual(*exact, *box, relative=closely, absolute=closely * band.tolerance, order=order)
+        return worst_residual(times, amplitudes, *box, relative=closely, absolute=closely * band.tolerance, order=order)
 
     worst = enclosed(PROVEN)
     for closely in CLOSER:

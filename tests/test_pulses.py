@@ -85,6 +85,21 @@ def test_impulses_drawn_out_leave_nothing_either_also_on_samples():
     assert np.abs(edges - edges.round()).max() < 1e-9
 
 
+def test_where_a_pulse_ends_is_exact_in_what_is_proven():
+    """0.7 and 1e-9 sum to no double: of pulses so narrow what rounding their ends changes is 1e-8 of them."""
+    shaper = Shaper((), (), (), (Pulse(0.0, 0.5, 1.0), Pulse(0.7, 1e-9, 0.5e9)))
+    times, jumps, order = shaper.exact_excitation
+    assert times[-1] == Fraction(0.7) + Fraction(1e-9) != Fraction(shaper.excitation[0][-1])
+    point = Fraction(3), Fraction(3)
+    found = worst_residual(times, jumps, point, (Fraction(0), Fraction(0)), relative=1e-14, order=order)
+    # An edge's half difference: e^{jb} - e^{ja} = 2j sin((b - a)/2) e^{j(a + b)/2} takes nothing from each other.
+    drawn = [p.height * 2.0 / 3.0 * math.sin(1.5 * p.width) * np.exp(3j * (p.start + p.width / 2.0)) for p in shaper.pulses]
+    assert (found.lower, found.upper) == pytest.approx((abs(sum(drawn)),) * 2, rel=1e-13)
+    times, jumps, order = shaper.excitation
+    rounded = float(residual(times, jumps, 3.0, 0.0, order)[0])
+    assert abs(rounded - found.lower) > 1e-10  # what a proof about rounded ends would be wrong by
+
+
 def test_the_residual_is_that_of_the_definition_and_its_worst_case_is_proven():
     shaper = as_pulses(derivative_shaper(ONE[0], 0), 0.3)
     times, jumps, order = shaper.excitation
@@ -159,6 +174,7 @@ def test_a_stream_of_pulses_is_their_integral_whatever_the_blocks():
         (lambda: at_intervals(ONE, 1.0, 0.6), ImpossibleShaperError, "half a damped period is 0.5006"),
         (lambda: at_intervals(ONE, 1.0, -1.0), ShaperError, "interval is positive"),
         (lambda: as_pulses(derivative_shaper(ONE[0]), 0.0), ShaperError, "width is positive"),
+        (lambda: as_pulses(derivative_shaper(ONE[0]), 1e-9), ShaperError, "ends where doubles do not tell: at least .* is possible"),
         (lambda: Shaper((0.0,), (1.0,), (), (Pulse(0.0, 1.0, 1.0),)), ShaperError, "pulses alone"),
         (lambda: Shaper((), (), (), (Pulse(0.0, 0.0, 1.0),)), ShaperError, "a pulse lasts"),
         (lambda: Shaper((), (), (), (Pulse(0.0, 0.5, 1.0),)), ShaperError, "integrals of the pulses sum to 1"),

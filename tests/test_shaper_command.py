@@ -248,6 +248,7 @@ def test_the_step_response_is_that_of_the_differential_equation():
         (["zv-d:2000", "--mode", "1Hz:0"], 2, ["2000 derivatives", "999"]),
         (["pulses-zv", "--mode", "1Hz:0", "--height", "0"], 2, ["--height 0.0: a positive number"]),
         slow(["pulses-zv", "--mode", "1Hz:0.05", "--height", "1e-9"], 2, ["1e+09 periods", "up to 10000"]),
+        (["custom", "--mode", "1Hz:0", "--impulses", "0:1e308,1:-1e308,2:1"], 2, ["sum to at most 1e+150, not to inf"]),
         (["custom", "--mode", "1Hz:0", "--impulses", "0:0.5,0.5:0.4"], 2, ["error: --impulses: amplitudes sum to 1, not to 0.9"]),
         (["zv", "--mode", "1Hz:0", "--sample-time", "0.7"], 1, ["impossible", "0.5 s"]),
         (["sums-zv", "--mode", "1Hz:0", "--sums", "0.1:0.9"], 1, ["impossible", "at most 0 and at least 1"]),

@@ -68,3 +68,24 @@ def test_a_band_that_is_wide_is_enclosed_for_pulses_too():
         assert found.upper >= sampled.max() * (1 - 1e-12)
         assert found.lower <= sampled.max() * (1 + 1e-5)
         assert found.upper == pytest.approx(found.lower, rel=1e-5)
+
+
+def test_sides_hold_where_squares_are_no_doubles():
+    """Beyond 1e154 a square overflows and below 1e-154 it is none: scaled by a power of two, both sides are scaled, to a double or so."""
+    times, amplitudes = exact([0.0, 0.4, 1.1, 1.3]), exact([1.0, -1.5, 0.75, 0.75])
+    box = (Fraction(2), Fraction(3)), (Fraction(1, 5), Fraction(1, 5))
+    found = worst_residual(times, amplitudes, *box, relative=1e-3, absolute=0.0)
+    for power in (-1000, -600, 600, 1000):
+        scaled = worst_residual(times, [a * Fraction(2) ** power for a in amplitudes], *box, relative=1e-3, absolute=0.0)
+        assert 0.0 < scaled.lower <= scaled.upper
+        assert (scaled.lower * 2.0**-power, scaled.upper * 2.0**-power) == pytest.approx((found.lower, found.upper), rel=1e-15)
+    beyond = worst_residual(times, [a * Fraction(2) ** 1024 for a in amplitudes], *box)
+    assert beyond.lower <= beyond.upper == math.inf
+
+
+def test_both_sides_are_rounded_outward():
+    """A third is no double; the residual of one impulse is its amplitude."""
+    point = (Fraction(1), Fraction(1)), (Fraction(0), Fraction(0))
+    for amplitude in (Fraction(1, 3), Fraction(2, 3), Fraction(1, 7), Fraction(1, 10)):
+        found = worst_residual([Fraction(0)], [amplitude], *point, relative=1e-15, absolute=0.0)
+        assert Fraction(found.lower) < amplitude < Fraction(found.upper)

@@ -18,6 +18,8 @@ from fractions import Fraction
 import flint
 from flint import acb, arb, fmpq
 
+from relaxations.checking.worst import above_as_double, below_as_double
+
 BITS = 128
 
 
@@ -61,7 +63,7 @@ def _enclosed(times: list[arb], amplitudes: list[arb], omega: arb, zeta: arb, or
         length = times[k + 1] - time if k + 1 < len(times) else None
         least, most = _piece(level, phasor, sigma, turning, root, length)
         lower, upper = _larger(lower, least), _larger(upper, most)
-    return Deflection(_below(lower), _above(upper))
+    return Deflection(below_as_double(lower), above_as_double(upper))
 
 
 def _piece(level: arb, phasor: acb, sigma: arb, turning: arb, root: arb, length: arb | None) -> tuple[arb, arb]:
@@ -95,15 +97,3 @@ def _piece(level: arb, phasor: acb, sigma: arb, turning: arb, root: arb, length:
 
 def _larger(one: arb, other: arb) -> arb:
     return other if other > one else one
-
-
-def _below(number: arb) -> float:
-    """The largest double that is not above."""
-    value = float(number)
-    return value if arb(value) <= number else math.nextafter(value, 0.0)
-
-
-def _above(number: arb) -> float:
-    """The least double that is not below."""
-    value = float(number)
-    return value if arb(value) >= number else math.nextafter(value, math.inf)

@@ -134,18 +134,16 @@ def _enclosed(impulses: _Impulses, frequency: tuple[arb, ...], damping: tuple[ar
         _, slope, rise = impulses.square(low.union(high), least.union(most))
         if size.lower() > best:
             best, where = size.lower(), (omega, zeta)
-        above = (size + abs(slope) * across + abs(rise) * up).upper()
+        above = (size + abs(slope) * across + abs(rise) * up).upper().sqrt()
         count += 1
-        heapq.heappush(waiting, (-float(above), count, (*cell, above, abs(slope).upper() * across, abs(rise).upper() * up)))
+        heapq.heappush(waiting, (-above_as_double(above.upper()), count, (*cell, abs(slope).upper() * across, abs(rise).upper() * up)))
 
     add(first)
     while True:
-        cell = waiting[0][2]
-        above, bottom = cell[4].sqrt().upper(), best.sqrt().lower()
+        above, bottom = arb(-waiting[0][0]), best.sqrt().lower()
         if above - bottom <= relative * above or above <= absolute or count > MOST_CELLS:
-            return Worst(float(bottom), _above(above), float(where[0]), float(where[1]), count)
-        heapq.heappop(waiting)
-        low, high, least, most, _, across, up = cell
+            return Worst(below_as_double(bottom), -waiting[0][0], float(where[0]), float(where[1]), count)
+        low, high, least, most, across, up = heapq.heappop(waiting)[2]
         if across >= up:
             middle = ((low + high) / 2).mid()
             add((low, middle, least, most))
@@ -156,8 +154,13 @@ def _enclosed(impulses: _Impulses, frequency: tuple[arb, ...], damping: tuple[ar
             add((low, high, middle, most))
 
 
-def _above(number: arb) -> float:
+def above_as_double(number: arb) -> float:
     """The least double that is not below."""
-
     value = float(number)
     return value if arb(value) >= number else math.nextafter(value, math.inf)
+
+
+def below_as_double(number: arb) -> float:
+    """The largest double that is not above."""
+    value = float(number)
+    return value if arb(value) <= number else math.nextafter(value, -math.inf)

@@ -50,9 +50,8 @@ class Limited:
 
 def deflection(shaper: Shaper, mode: Mode) -> Deflection:
     """The largest |y - u| of the mode under the shaped unit step, enclosed over all instants."""
-    times, amplitudes, order = shaper.excitation
-    edges = [Fraction(t) for t in times], [Fraction(a) for a in amplitudes]
-    return largest_deflection(*edges, exact(repr(mode.frequency)), exact(repr(mode.damping)), order)
+    times, amplitudes, order = shaper.exact_excitation
+    return largest_deflection(times, amplitudes, exact(repr(mode.frequency)), exact(repr(mode.damping)), order)
 
 
 def deflection_limited(

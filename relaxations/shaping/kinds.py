@@ -344,12 +344,11 @@ def _given(request: Request, number: int) -> Made:
     if request.impulses.terms:
         raise ShaperError("what is computed here of a shaper is about impulses or pulses; this one has decaying terms")
     shaper = request.impulses
-    times, amplitudes, order = shaper.excitation
-    edges = [Fraction(t) for t in times], [Fraction(a) for a in amplitudes]
+    times, amplitudes, order = shaper.exact_excitation
     remnants = []
     for mode in request.modes:
         omega, zeta = Fraction(mode.frequency), Fraction(mode.damping)
-        remnants.append(Remnant(mode, worst_residual(*edges, (omega, omega), (zeta, zeta), order=order).upper))
+        remnants.append(Remnant(mode, worst_residual(times, amplitudes, (omega, omega), (zeta, zeta), order=order).upper))
     return Made(shaper, with_negative(shaper, remnants, "no more left of any mode than this one leaves"))
 
 

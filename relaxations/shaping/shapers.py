@@ -17,9 +17,10 @@ import json
 import math
 import operator
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from fractions import Fraction
+from typing import Any, Protocol, TypeVar
 
 from relaxations.commands import Command, Segment, Tail, TailTerm
 from relaxations.errors import ShaperError
@@ -28,6 +29,9 @@ from relaxations.response import jumps
 FORMAT = "slewcert-shaper/1"
 GAIN_TOLERANCE = 1e-6  # how far the static gain may be from 1: files with six digits are shapers too
 SAME_INSTANT = 1e-14  # of the duration: sums of the same instants in another order differ by rounding
+NARROWEST = 1e-6  # of the impulses' duration: doubles then hold a pulse's width to ten digits
+MOST = 1e150  # of the sum of the amplitudes' sizes: squares of what they leave are doubles
+N = TypeVar("N", float, Fraction)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,12 +131,21 @@ class Shaper:
     @property
     def excitation(self) -> tuple[tuple[float, ...], tuple[float, ...], int]:
         """What a mode sees: jumps at instants [s], of the impulses' integral (order 0) or of the pulses' height [1/s] (order 1)."""
+        return self._excitation(float)
+
+    @property
+    def exact_excitation(self) -> tuple[tuple[Fraction, ...], tuple[Fraction, ...], int]:
+        """The same with exact numbers: where a pulse ends is no double."""
+        return self._excitation(Fraction)
+
+    def _excitation(self, number: Callable[[float], N]) -> tuple[tuple[N, ...], tuple[N, ...], int]:
         if not self.pulses:
-            return self.times, self.amplitudes, 0
-        edges: dict[float, float] = defaultdict(float)
+            return tuple(map(number, self.times)), tuple(map(number, self.amplitudes)), 0
+        edges: dict[N, N] = defaultdict(lambda: number(0.0))
         for pulse in self.pulses:
-            edges[pulse.start] += pulse.height
-            edges[pulse.start + pulse.width] -= pulse.height
+            start, width, height = number(pulse.start), number(pulse.width), number(pulse.height)
+            edges[start] += height
+            edges[start + width] -= height
         times = sorted(time for time, jump in edges.items() if jump)
         return tuple(times), tuple(edges[time] for time in times), 1
 
@@ -144,6 +157,9 @@ class Shaper:
         if not all(map(math.isfinite, (*self.times, *self.amplitudes, *numbers))):
             yield "a shaper holds finite numbers only"
             return
+        sizes = sum(map(abs, self.amplitudes)) + sum(abs(pulse.height) * pulse.width for pulse in self.pulses)
+        if sizes > MOST:
+            yield f"sizes of impulses sum to at most {MOST:g}, not to {sizes:g}"
         for before, after in itertools.pairwise(self.times):
             if not before < after:
                 yield f"impulses stand in strictly ascending order: {after!r} s follows {before!r} s"
@@ -222,12 +238,17 @@ def _impulses_and_terms(parts: _Parts) -> tuple[dict[float, float], tuple[Shaper
 def as_pulses(shaper: Shaper, width: float) -> Shaper:
     """Each impulse drawn out to a pulse of `width` [s], of the same integral: what it leaves at rest stays there.
 
-    Raises `ShaperError` for a width that is not positive, and for a shaper with terms.
+    Raises `ShaperError` for a width that is not positive or next to nothing, and for a shaper with terms.
     """
     if not 0.0 < width < math.inf:
         raise ShaperError(f"a pulse's width is positive and finite, not {width!r} s")
     if shaper.terms or shaper.pulses:
         raise ShaperError("pulses are made of impulses alone")
+    if width < (least := NARROWEST * shaper.duration):
+        raise ShaperError(
+            f"a pulse of {width!r} s among impulses that take {shaper.duration:.6g} s ends where doubles do not tell: at least "
+            f"{1.00001 * least:.6g} s is possible; one so narrow is an impulse, which is what is made without a width"
+        )
     return Shaper((), (), (), tuple(Pulse(t, width, a / width) for t, a in zip(shaper.times, shaper.amplitudes, strict=True)))
 
 
