@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from relaxations.checking.worst import Worst, worst_residual
-from relaxations.errors import RelaxationsError, ShaperError
+from relaxations.errors import RelaxationsError, ShaperError, SolverError
 from relaxations.shaping.bands import Band
 from relaxations.shaping.deflection import deflection
 from relaxations.shaping.kinds import KINDS, find, make, mistakes
@@ -173,6 +173,8 @@ def assess(kind: str, request: Request, damping: tuple[float, float] | None = No
     times, amplitudes, order = made.shaper.excitation
     found = [_reach(made.shaper, number, band) for number, band in reaches]
     kept = [_reach(made.shaper, number, band) for number, band in made.ranges]
+    for reach in (*kept, *(found if find(kind)[0].keeps else ())):
+        _require_kept(kind, reach)
     width = min(insensitivity(times, amplitudes, mode.frequency, mode.damping, request.tolerance, order) for mode in request.modes)
     strays = None
     if request.deflection is not None:
@@ -180,6 +182,16 @@ def assess(kind: str, request: Request, damping: tuple[float, float] | None = No
         strays = max(one.lower for one in each), max(one.upper for one in each)
     return Shaping(kind, request, made.shaper, made.least, width, tuple(found), damping,
                    deflection=strays, ranges=tuple(kept), notes=made.notes)  # fmt: skip
+
+
+def _require_kept(kind: str, reach: Reach) -> None:
+    """What is promised is proven, or not broken at least: the enclosure may hold the tolerance by its own width."""
+    band = reach.band
+    if reach.worst.lower > band.tolerance:
+        raise SolverError(
+            f"{kind} promises {band.tolerance!r} from {band.low:g} to {band.high:g} of mode {reach.mode}'s frequency, but what was solved "
+            f"leaves {reach.worst.lower:.6g} there (proved); another tolerance or band is possible, or one mode after the other"
+        )
 
 
 def _reach(shaper: Shaper, number: int, band: Band) -> Reach:

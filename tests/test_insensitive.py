@@ -13,13 +13,17 @@ from scipy.optimize import linprog
 
 from relaxations.checking.durations import Condition, none_as_short
 from relaxations.checking.worst import worst_residual
-from relaxations.errors import ShaperError
+from relaxations.errors import ShaperError, SolverError
 from relaxations.shaping.bands import Band
 from relaxations.shaping.impulses import derivative_shaper
 from relaxations.shaping.insensitive import Shortest, specified
+from relaxations.shaping.kinds import make
 from relaxations.shaping.modes import Mode
+from relaxations.shaping.ranges import humped_ranges
+from relaxations.shaping.requests import Request
 from relaxations.shaping.sensitivity import residual
 from relaxations.shaping.small_tolerances import within
+from suite.shaping import assess
 
 PROVEN = 1.1e-8  # relative distance of the lower bound: it is tried at 1e-8 first
 
@@ -207,3 +211,19 @@ def test_a_small_tolerance_over_a_range_of_dampings_is_kept_by_a_shaper_with_der
     for damping in np.linspace(0.04, 0.06, 11):
         omega = np.linspace(0.95, 1.05, 101) * 2 * math.pi
         assert residual(found.shaper.times, found.shaper.amplitudes, omega, damping).max() <= 1e-8
+
+
+def test_a_residual_that_is_highest_between_places_is_seen():
+    """Its places alone showed no more than the tolerance; between two of them 0.0500011 was left."""
+    at = (Mode(36.581 * 2.0 * math.pi, 0.0), Mode(44.934 * 2.0 * math.pi, 0.0))
+    bands = humped_ranges(at, 0.05, 1)
+    found = specified(bands)
+    assert max(worst(found, band) for band in bands) <= 0.05
+
+
+def test_a_promise_that_is_broken_is_no_shaper(monkeypatch: pytest.MonkeyPatch):
+    made = make("zv", Request((Mode(6.0, 0.0),)))
+    monkeypatch.setattr("suite.shaping.make", lambda kind, request: made)
+    assess("zv", Request((Mode(6.0, 0.0),)))  # it promises nothing over a band
+    with pytest.raises(SolverError, match=r"si promises 0.05 from 0.8 to 1.2 of mode 1's frequency, but .* leaves 0\.30"):
+        assess("si", Request((Mode(6.0, 0.0),)))

@@ -7,7 +7,7 @@ maximum principle |F| is largest on its boundary: to keep a tolerance on the edg
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -25,7 +25,6 @@ SAMPLES = 9  # places on an edge at first
 LOOKS, PER_PERIOD = 200, 100  # places on an edge that are looked at, and more for each period of phase along it
 TOP_LOOKS = 2001
 NEAR, CLOSER = 0.99, 201  # of a tolerance; places between the neighbours of a maximum so near it
-TOP_CLOSER = 41  # places between an end of an edge and its neighbour
 INSIDE = 1e-9  # of a tolerance: how far below it a shaper is designed, so that its claim can be proven
 TOUCHING = 1e-6  # of the sum of the multipliers: a demand with less does not count
 
@@ -145,51 +144,23 @@ def sampled_demands(bands: Sequence[Band]) -> list[Demand]:
 
 
 def exceeded(times: Reals, amplitudes: Reals, bands: Sequence[Band], factor: float) -> list[Demand]:
-    """Where on the edges the residual has a local maximum above `factor` times the tolerance, between places too."""
+    """Where on the edges the residual has a local maximum above `factor` times the tolerance.
+
+    About every maximum of the places that is near it there is a closer look: between two places it may be higher.
+    """
     found: dict[Demand, None] = {}
-    for number, edge, places, course, i in _maxima(times, amplitudes, bands, min(factor, NEAR)):
-        place, height = _top(times, amplitudes, edge, places, course, i)
-        if height > factor * bands[number].tolerance:
-            found[_kept(edge, place, bands, number)] = None
-    return list(found)
-
-
-def _top(times: Reals, amplitudes: Reals, edge: Edge, places: Reals, course: Reals, i: int) -> tuple[float, float]:
-    """Where the maximum is that sample i tells of, and its height; the last sample tells of one between it and the end's neighbour."""
-    if 0 < i < len(places) - 1:
-        place = vertex(places, course, i)
-    else:
-        nearest, heights = _between(edge, places, i).course(times, amplitudes, TOP_CLOSER)
-        place = vertex(nearest, heights, int(heights.argmax()))
-    at = replace(edge, low=place, high=place).course(times, amplitudes, 1)[1]
-    return (place, float(at[0])) if at[0] > course[i] else (float(places[i]), float(course[i]))
-
-
-def _between(edge: Edge, places: Reals, i: int) -> Edge:
-    """The part of an edge between the neighbours of a place."""
-    return replace(edge, low=float(places[max(i - 1, 0)]), high=float(places[min(i + 1, len(places) - 1)]))
-
-
-def exceeded_closely(times: Reals, amplitudes: Reals, bands: Sequence[Band]) -> list[Demand]:
-    """The same at the tolerance itself, with a closer look about every maximum that is near it: between places it may be higher."""
-    found: dict[Demand, None] = {}
-    for number, edge, places, _, i in _maxima(times, amplitudes, bands, NEAR):
-        closely, heights = _between(edge, places, i).course(times, amplitudes, CLOSER)
-        if heights.max() > bands[number].tolerance:
-            found[_kept(edge, float(closely[heights.argmax()]), bands, number)] = None
-    return list(found)
-
-
-def _maxima(times: Reals, amplitudes: Reals, bands: Sequence[Band], factor: float) -> Iterator[tuple[int, Edge, Reals, Reals, int]]:
-    """Local maxima above `factor` times the tolerance: number of the band, edge, places and residuals there, and which of them it is."""
     for number, band in enumerate(bands):
+        level = factor * band.tolerance
         for edge in band.edges:
             places, course = edge.course(times, amplitudes, edge.looks(float(np.ptp(times))))
-            yield from ((number, edge, places, course, int(i)) for i in peaks(course) if course[i] > factor * band.tolerance)
-
-
-def _kept(edge: Edge, place: float, bands: Sequence[Band], number: int) -> Demand:
-    return replace(edge.demand(place, bands[number].tolerance * (1.0 - INSIDE), number), inner="")
+            for i in peaks(course):
+                if course[i] > NEAR * level:
+                    around = replace(edge, low=float(places[max(i - 1, 0)]), high=float(places[min(i + 1, len(places) - 1)]))
+                    closely, heights = around.course(times, amplitudes, CLOSER)
+                    if heights.max() > level:
+                        place = float(closely[heights.argmax()])
+                        found[replace(edge.demand(place, band.tolerance * (1.0 - INSIDE), number), inner="")] = None
+    return list(found)
 
 
 def touched(

@@ -67,7 +67,8 @@ CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothi
 class Kind:
     """One family: how its name is written, what it is, which further options it takes, and how it is made from (request, number).
 
-    `zeros` says where it leaves nothing, and how many derivatives vanish there; None where other demands make it.
+    `zeros` says where it leaves nothing, and how many derivatives vanish there; None where other demands make it. `keeps`: the tolerance
+    over the bands that are asked for.
     """
 
     written: str
@@ -77,6 +78,7 @@ class Kind:
     takes: frozenset[str] = frozenset()
     needs: frozenset[str] = frozenset()
     zeros: Callable[[Request, int], tuple[tuple[Mode, ...], int]] | None = None
+    keeps: bool = False
     apart: str = ""  # why there is no one solution for several modes, and what there is
 
 
@@ -368,7 +370,7 @@ KINDS = (
     Kind("mzv", "mzv", "three impulses within 3/4 of the damped period", _modified, _PULSE | {"sample_time"},
          zeros=all_once, apart=_PERIOD),
     Kind("si", "si", "the shortest within the tolerance over the band", _insensitive,
-         _EITHER | {"sample_time"}),
+         _EITHER | {"sample_time"}, keeps=True),
     Kind("um-zv, um-zvd, um-zv-d:N", r"um-zv(?:(?P<d>d*)|-d:(\d+))", "the same with impulses 1, -1, 1 …", _unity,
          _EITHER | {"sample_time"}, zeros=all_modes),
     Kind("um-ei, um-N-hump-ei", r"um-(?:([1-9]\d*)-hump-)?ei", "extra insensitive with impulses 1, -1, 1 …", _unity_humps,

@@ -20,7 +20,7 @@ from relaxations import programs
 from relaxations.checking.durations import none_on_samples, none_within_sums_on_samples
 from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import exact
-from relaxations.shaping.bands import Band, exceeded_closely
+from relaxations.shaping.bands import Band, exceeded
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.polishing import Demand, rows, vanishing
 from relaxations.shaping.sampled import require_fine, sampled
@@ -112,7 +112,7 @@ def _of_levels(levels: Reals, bands: Sequence[Band], bounds: tuple[float, float]
     jumps = np.diff(np.array(held), prepend=0.0, append=1.0)
     kept = np.flatnonzero(jumps)
     times = tuple(float((k - kept[0]) * sample_time) for k in kept)
-    over = exceeded_closely(np.array(times), jumps[kept], bands)
+    over = exceeded(np.array(times), jumps[kept], bands, 1.0)
     return None if over else Shaper(times, tuple(map(float, jumps[kept])))
 
 

@@ -26,7 +26,7 @@ from scipy.optimize import linprog, minimize
 
 from relaxations.checking.durations import Condition, none_within_sums
 from relaxations.errors import SolverError
-from relaxations.shaping.bands import Band, exceeded, exceeded_closely, sampled_demands
+from relaxations.shaping.bands import Band, exceeded, sampled_demands
 from relaxations.shaping.insensitive import implied
 from relaxations.shaping.polishing import Demand, rows
 from relaxations.shaping.shapers import Shaper
@@ -161,7 +161,7 @@ class Search:
         demands = list(dict.fromkeys(demand for demand, _ in self.cuts))
         for _ in range(ATTEMPTS):
             times = self._minimised(times, sizes, demands)
-            over = exceeded_closely(times, sizes, self.bands)
+            over = exceeded(times, sizes, self.bands, 1.0)
             if not over:
                 return _of_instants(times, sizes)
             demands += over
