@@ -213,3 +213,13 @@ def test_the_command_line_makes_them(tmp_path: Path):
     for band in json.loads(run(*bands).stdout)["bands"]:
         assert band["worst_residual"][1] <= band["tolerance"]
     assert run(*bands[:3], "--mode", "3Hz:0", "--band", "1:1.1", "--band", "1:1.2", "--band", "1:1.3").exit_code == 2
+
+
+@pytest.mark.parametrize(("first", "second", "height", "interval", "derivatives"), [(0.4, 1.3, 3.0, 0.06, 0), (0.5, 1.3, 2.0, 0.09, 1)])
+def test_pulses_on_intervals_hold_no_dust(first: float, second: float, height: float, interval: float, derivatives: int):
+    """Of 29 and 26 pulses that a solver made some lasted 1e-8 of an interval, and the height of all made up for those left out."""
+    modes = [Mode(2 * math.pi * first, 0.05), Mode(2 * math.pi * second, 0.01)]
+    shaper = at_intervals(modes, height, interval, derivatives).shaper
+    assert min(pulse.width for pulse in shaper.pulses) > 1e-2 * interval
+    assert {pulse.height for pulse in shaper.pulses} == {pytest.approx(height, rel=1e-12)}
+    assert max(left(shaper, mode) for mode in modes) < 1e-11

@@ -23,6 +23,7 @@ Reals = NDArray[np.float64]
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)  # of an interval, which is shorter than half a period
 CLOSED = 1e-11  # of equations of order one
 SHORTEST = 1e-9  # of an interval: a pulse that is none
+DUST = (1e-2, 1e-4, 1e-6, SHORTEST)  # of an interval: pulses so near none or all of it are that, if equations can be solved without them
 GRID, FINER = 9, 8  # widths of a pulse's range in a program; how much finer what it leaves is looked at
 CLEAR = 1e-6  # by which a box is refuted, of equations of order one: so much that balls can tell
 MOST_BOXES = 600
@@ -92,9 +93,15 @@ class Pulses:
         """Widths near `start` [s] that solve the equations to rounding, or None."""
         h = self.interval
         found = least_squares(self.missed, np.clip(start, 0.0, h), jac=self.slopes, bounds=(0.0, h * (1.0 + 1e-12)), **EXACT)  # type: ignore[arg-type]
-        widths = np.clip(found.x, 0.0, h)
-        for _ in range(8):  # to rounding, with those that are at neither end
-            inner = (widths > SHORTEST * h) & (widths < h * (1.0 - SHORTEST))
+        tried = (self._polished(found.x, dust * h) for dust in DUST)
+        return next((widths for widths in tried if widths is not None), None)
+
+    def _polished(self, widths: Reals, dust: float) -> Reals | None:
+        """To rounding, with those that are at neither end, nor nearer to one than `dust` [s]."""
+        h = self.interval
+        widths = np.where(widths < dust, 0.0, np.where(widths > h - dust, h, widths))
+        inner = (widths > 0.0) & (widths < h)
+        for _ in range(8):
             missed = self.missed(widths)
             if np.abs(missed).max() <= CLOSED:
                 return widths
