@@ -139,3 +139,17 @@ def test_what_is_too_coarse_or_too_fine_is_refused():
         make("sna-zv", Request((ONE,), sample_time=1e-5, negative=1.0))
     with pytest.raises(ShaperError, match="given as a positive number"):
         make("sna-zv", Request((ONE,), sample_time=0.01, negative=-1.0))
+
+
+def test_a_last_impulse_may_be_next_to_nothing_and_says_when_it_is_over():
+    """With much damping decay does it all, and the sequence is about as long as with free instants, 2.094 s: an impulse alone would end at 0."""
+    mode, step, tolerance = Mode(12.642, 0.9), 0.04924, 0.2
+    made = make("um-ei", Request((mode,), tolerance=tolerance, sample_time=step))
+    assert made.shaper.duration == pytest.approx(43 * step)
+    assert made.least is not None
+    assert made.least.duration == pytest.approx(43 * step)
+    ((_, band),) = made.ranges
+    rate = mode.damping * mode.frequency * band.low
+    assert math.exp(-rate * 42 * step) > tolerance > math.exp(-rate * 43 * step)
+    curve = residual(made.shaper.times, made.shaper.amplitudes, mode.frequency * np.linspace(band.low, band.high, 2001), mode.damping)
+    assert curve.max() <= tolerance

@@ -58,6 +58,14 @@ def test_the_limit_holds_and_nothing_is_left(modes: tuple[Mode, ...], limit: flo
         assert at[1] < 20.0 * nudge ** (derivatives + 1) * 5.0**derivatives
 
 
+def test_partial_sums_meet_their_bounds_exactly():
+    """A program's own room for rounding, 1e-9, is not in what is made."""
+    for modes, limit, derivatives in ((ONE, 0.4, 1), (TWO, 0.3, 0)):
+        sums = np.cumsum(deflection_limited(modes, limit, derivatives=derivatives).shaper.amplitudes)
+        assert sums.min() >= 0.0
+        assert sums.max() <= 1.0 + 4e-16  # the sums' own rounding
+
+
 def test_a_tighter_limit_takes_longer_and_wider_sums_do_not():
     durations = [deflection_limited(ONE, limit).shaper.duration for limit in (0.6, 0.4, 0.2, 0.1)]
     assert durations == sorted(durations)

@@ -35,6 +35,7 @@ FEASIBLE = 1e-9
 MOST_SAMPLES = 600
 LONGER = 1.25  # times as many samples are tried next
 ZERO = 1e-9  # an amplitude that is none, in the units that grow as the modes decay
+ON_BOUND = 1e-7  # of a partial sum: so near a bound it is on it
 NO_EXCESS = 1e-7  # of equations of order one: with less nothing is refuted
 LESS = (1, 2, 3, 5, 8, 13)  # samples fewer than found that are tried to be refuted
 
@@ -147,13 +148,33 @@ def _amplitudes(
     if split.status != 0:
         return None
     found = split.x[:count] - split.x[count:]
-    kept = np.abs(found) > ZERO
-    found[~kept] = 0.0
-    found[kept] += np.linalg.lstsq(equal[:, kept], aim - equal @ found, rcond=None)[0]
-    if np.abs(equal @ found - aim).max() > 1e-12 * max(1.0, np.abs(found).max()):
+    amplitudes = _exact(found, equal, units, sums)
+    return amplitudes if amplitudes is not None and _within(amplitudes, modes, limit, step) else None
+
+
+def _exact(found: Reals, equal: Reals, units: Reals, sums: tuple[float, float]) -> Reals | None:
+    """The program's amplitudes (`found` in `units`) with the equations met to rounding, and the bounds that partial sums meet exactly."""
+    begins = np.flatnonzero(np.abs(found) > ZERO)
+    if not len(begins):
         return None
-    found *= units
-    return found if _within(found, modes, limit, step) else None
+    levels = np.cumsum(found * units)[begins]
+    for bound in sums:
+        levels[np.abs(levels - bound) <= ON_BOUND] = bound
+    levels[-1] = 1.0
+    free = ~np.isin(levels, sums)
+    free[-1] = False
+    # A level lasts until the next begins: it is an amplitude there, and one less here, in units that decay as it begins.
+    columns = equal[:, begins] / units[begins]
+    jumps = np.diff(levels, prepend=0.0)
+    steps = (columns - np.roll(columns, -1, axis=1))[:, free] * units[begins][free]
+    levels[free] += units[begins][free] * np.linalg.lstsq(steps[1:], -(columns @ jumps)[1:], rcond=None)[0]
+    jumps = np.diff(levels, prepend=0.0)
+    missed = columns @ jumps - np.eye(len(equal))[0] * jumps.sum()
+    if np.abs(missed[1:]).max() > 1e-12 * max(1.0, float(np.abs(jumps / units[begins]).max())):
+        return None
+    amplitudes = np.zeros(len(units))
+    amplitudes[begins] = jumps
+    return amplitudes
 
 
 def _refuted(modes: Sequence[Mode], limit: float, sums: tuple[float, float], derivatives: int, step: float, samples: int) -> bool:

@@ -44,7 +44,7 @@ def within_sums_on_samples(bands: Sequence[Band], lower: float, upper: float, sa
     Raises `ShaperError` for a sample time that is none or too fine, `ImpossibleShaperError` for one that is too coarse.
     """
     require_fine([band.mode for band in bands], sample_time)
-    most = _most(LONGEST * max(band.half_period for band in bands), sample_time)
+    most = _most(LONGEST * max(min(band.half_period, band.decayed) for band in bands), sample_time)
     search = Search(tuple(bands), lower, upper)
 
     def one(samples: int) -> Shaper | None:
@@ -104,11 +104,13 @@ def _fewest(one: Callable[[int], Shaper | None], most: int, trouble: Callable[[]
 
 
 def _of_levels(levels: Reals, bands: Sequence[Band], bounds: tuple[float, float], sample_time: float) -> Shaper | None:
-    """Jumps between levels; those that are nearly a bound, or the one before, are it."""
+    """Jumps between levels; those that are nearly a bound, or the one before, are it, but for the last one, which says when it is over."""
     held: list[float] = []
     for level in map(float, levels):
         near = next((bound for bound in (*bounds, *held[-1:]) if abs(level - bound) <= NEARLY), level)
         held.append(min(max(near, bounds[0]), bounds[1]))
+    if held and held[-1] == 1.0:
+        held[-1] -= NEARLY
     jumps = np.diff(np.array(held), prepend=0.0, append=1.0)
     kept = np.flatnonzero(jumps)
     times = tuple(float((k - kept[0]) * sample_time) for k in kept)
