@@ -142,7 +142,7 @@ def test_what_is_too_coarse_or_too_fine_is_refused():
 
 
 def test_a_last_impulse_may_be_next_to_nothing_and_says_when_it_is_over():
-    """With much damping decay does it all, and the sequence is about as long as with free instants, 2.094 s: an impulse alone would end at 0."""
+    """With much damping decay does it all: one impulse, and as long a wait as with free instants (2.094 s)."""
     mode, step, tolerance = Mode(12.642, 0.9), 0.04924, 0.2
     made = make("um-ei", Request((mode,), tolerance=tolerance, sample_time=step))
     assert made.shaper.duration == pytest.approx(43 * step)

@@ -48,22 +48,14 @@ def test_the_limit_holds_and_nothing_is_left(modes: tuple[Mode, ...], limit: flo
     found = deflection_limited(modes, limit, derivatives=derivatives).shaper
     assert sum(found.amplitudes) == pytest.approx(1.0, abs=1e-12)
     sums = np.cumsum(found.amplitudes)
-    assert sums.min() >= -1e-8
-    assert sums.max() <= 1 + 1e-8
+    assert sums.min() >= 0.0
+    assert sums.max() <= 1.0 + 4e-16  # the sums' own rounding; a program's room of 1e-9 is not in what is made
     for mode in modes:
         assert integrated(found, mode) <= limit * (1 + 1e-6)
         nudge = 1e-3  # with further derivatives zero the residual grows with their power
         at = [float(residual(found.times, found.amplitudes, mode.frequency * f, mode.damping)[0]) for f in (1.0, 1.0 + nudge)]
         assert at[0] < 1e-10
         assert at[1] < 20.0 * nudge ** (derivatives + 1) * 5.0**derivatives
-
-
-def test_partial_sums_meet_their_bounds_exactly():
-    """A program's own room for rounding, 1e-9, is not in what is made."""
-    for modes, limit, derivatives in ((ONE, 0.4, 1), (TWO, 0.3, 0)):
-        sums = np.cumsum(deflection_limited(modes, limit, derivatives=derivatives).shaper.amplitudes)
-        assert sums.min() >= 0.0
-        assert sums.max() <= 1.0 + 4e-16  # the sums' own rounding
 
 
 def test_a_tighter_limit_takes_longer_and_wider_sums_do_not():
