@@ -371,18 +371,14 @@ def shaper(
         *shaper_files.mistakes(exports, (command, certificate), words["move"], pulses, plot),
         *shaper_references.mistakes(reference, shaped),
     ]
-    given = None if reference is None else shaper_references.read_reference(reference)
+    given = shaper_references.reference_of(reference, wrong)
     with search_errors(), console_shapers.searching(f"{words['kind']}: searching for it, proving it"):
         done = shaping.design(shaping.Asked(**words), wrong)
+    further = []
     if given is not None and shaped is not None:
-        done = replace(done, shaped=shaper_references.write_shaped(given, done.shaper, shaped))
-    for path in exports:
-        shaper_files.export(done, path)
-    if save:
-        shaper_files.save(done, save)
-    shaper_files.save_move(done, command, certificate)
-    if plot:
-        shaper_files.draw(done, plot)
+        found, content = shaper_references.shaped_file(given, done.shaper, shaped)
+        done, further = replace(done, shaped=found), [(shaped, content)]
+    shaper_files.write(done, exports, save, command, certificate, plot, further)
     if as_json:
         print_json(done.to_dict())
     else:

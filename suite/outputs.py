@@ -13,11 +13,18 @@ import click
 
 
 def refuse_overwriting(context: click.Context) -> None:
-    """Raises `click.UsageError` for an output option that names a file which the command reads, or that a study of it names.
+    """Raises `click.UsageError` for an output option that names a file which the command reads, that a study of it names, or that another
+    output option names.
 
     Options whose file must exist are read, others are written.
     """
     outputs, inputs = _paths(context)
+    taken: dict[str, str] = {}
+    folders = {one.opts[0] for one in context.command.params if isinstance(one.type, click.Path) and one.type.dir_okay}
+    for option, path in [one for one in outputs if one[0] not in folders]:
+        other = taken.setdefault(os.path.realpath(path), option)
+        if other != option:
+            raise click.UsageError(f"{option} {path}: would overwrite what {other} writes there; name another file")
     written = [(option, path) for option, path in outputs if _is_file(path)]
     if not written:
         return

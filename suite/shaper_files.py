@@ -60,26 +60,27 @@ def chart(done: Shaping) -> str:
     )  # fmt: skip
 
 
-def save(done: Shaping, path: Path) -> None:
-    """The shaper as a shaper file (`slewcert-shaper/1`), which `slewcert fmus export` makes an FMU of."""
-    write_atomically(path, json_bytes(done.shaper.to_dict()))
-
-
-def save_move(done: Shaping, command: Path | None, certificate: Path | None) -> None:
-    """The move's command and the proof of its time; raises `SuiteError` where there is none."""
-    if done.move is None:
-        return
-    found = done.move.command and json_bytes(done.move.command.to_dict())
-    for path, content in ((command, found), (certificate, done.move.together.certificate)):
-        if path is not None and content is None:
-            raise SuiteError(f"{path}: there is nothing to write, the move is {done.move.together.status.name.lower()}")
-        if path is not None and content is not None:
-            write_atomically(path, content)
-
-
-def draw(done: Shaping, path: Path) -> None:
-    """`picture` to a file."""
-    write_atomically(path, picture(done).encode())
+def write(
+    done: Shaping, exports: Sequence[Path] = (), save: Path | None = None, command: Path | None = None, certificate: Path | None = None,
+    plot: Path | None = None, further: Sequence[tuple[Path, bytes]] = (),
+) -> None:  # fmt: skip
+    """All files that are asked for, or none: `exports` by their endings, the shaper file (`slewcert-shaper/1`), the move's command and the
+    proof of its time, the picture, and `further` ones. Raises `SuiteError` where there is nothing to write to one of them.
+    """
+    files = [*further, *((path, exported(done, path)) for path in exports)]
+    if save is not None:
+        files.append((save, json_bytes(done.shaper.to_dict())))
+    if done.move is not None:
+        found = done.move.command and json_bytes(done.move.command.to_dict())
+        for path, content in ((command, found), (certificate, done.move.together.certificate)):
+            if path is not None and content is None:
+                raise SuiteError(f"{path}: there is nothing to write, the move is {done.move.together.status.name.lower()}")
+            if path is not None and content is not None:
+                files.append((path, content))
+    if plot is not None:
+        files.append((plot, picture(done).encode()))
+    for path, content in files:
+        write_atomically(path, content)
 
 
 def mistakes(
@@ -97,11 +98,11 @@ def mistakes(
         yield f"--export {', '.join(map(str, paths))}: firmware takes impulses, and this shaper is made of pulses; --save writes them"
 
 
-def export(done: Shaping, path: Path) -> None:
-    """The shaper for other programs, by the file's ending (`known`)."""
+def exported(done: Shaping, path: Path) -> bytes:
+    """The shaper for other programs, by the file's ending (`EXPORTS`). Raises `SuiteError` for what those do not take."""
     if done.shaper.pulses:
         raise SuiteError(f"{path}: firmware takes impulses, and this shaper is made of pulses; --save writes them")
-    write_atomically(path, EXPORTS[path.suffix](done).encode())
+    return EXPORTS[path.suffix](done).encode()
 
 
 def _klipper(done: Shaping) -> str:

@@ -11,11 +11,11 @@ import numpy as np
 
 from relaxations.commands import FORMAT as COMMAND
 from relaxations.commands import Command
-from relaxations.errors import CommandError
+from relaxations.errors import CommandError, RelaxationsError
 from relaxations.shaping.shapers import Shaper, shape
 from relaxations.shaping.splines import FORMAT as SPLINE
 from relaxations.shaping.splines import Spline, shape_spline
-from reports.files import json_bytes, write_atomically
+from reports.files import json_bytes
 from suite.decays import table_series
 from suite.errors import SuiteError
 from suite.sources import read_json
@@ -74,6 +74,17 @@ def read_reference(file: Path) -> Reference:
     raise CommandError(f'{file} has the "format" {made!r}; a reference is "{COMMAND}", "{SPLINE}", or a table ({", ".join(TABLES)})')
 
 
+def reference_of(file: Path | None, wrong: list[str]) -> Reference | None:
+    """`read_reference`, with what is wrong with it among the mistakes of the command."""
+    try:
+        return None if file is None else read_reference(file)
+    except OSError as problem:
+        wrong.append(f"--reference {file}: cannot be read: {problem.strerror or problem}")
+    except (SuiteError, RelaxationsError) as problem:
+        wrong.append(f"--reference: {problem}")
+    return None
+
+
 def mistakes(reference: Path | None, shaped: Path | None) -> Iterator[str]:
     """One without the other, and endings that say nothing."""
     if (reference is None) != (shaped is None):
@@ -83,8 +94,9 @@ def mistakes(reference: Path | None, shaped: Path | None) -> Iterator[str]:
         yield f"--shaped {shaped}: must end in .json (a command or a spline) or .csv (a table of a spline or of samples)"
 
 
-def write_shaped(reference: Reference, shaper: Shaper, file: Path) -> ShapedReference:
-    """Shape it and write a command or spline file, or a table of a spline: rows at every knot (two where the value jumps) and between.
+def shaped_file(reference: Reference, shaper: Shaper, file: Path) -> tuple[ShapedReference, bytes]:
+    """Shape it; and the content of a command or spline file, or of a table of a spline: rows at every knot (two where the value jumps) and
+    between.
 
     Before a command the input is 0. Raises `ShaperError`, `CommandError`, `SuiteError`.
     """
@@ -99,8 +111,7 @@ def write_shaped(reference: Reference, shaper: Shaper, file: Path) -> ShapedRefe
             raise SuiteError(f"--shaped {file}: what becomes of a command is a command, and written as .json")
         content = json_bytes(made.to_dict())
         found = ShapedReference(reference, file, made.start, made.end, len(made.breakpoints), None)
-    write_atomically(file, content)
-    return found
+    return found, content
 
 
 def _table(spline: Spline) -> str:

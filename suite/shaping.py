@@ -272,7 +272,7 @@ def _request(asked: Asked, further: Sequence[str]) -> tuple[Request, tuple[float
         impulses=given,
         deflection=asked.deflection,
     )
-    if len(request.modes) == len(modes) + len(known or ()) and len(request.bands) == len(bands):
+    if len(request.modes) == len(modes) + len(known or ()) and len(request.bands) == len(bands) and 0.0 < asked.tolerance < 1.0:
         reached = tried("--band", request.reaches)
         if reached is not None and asked.kind == "si":
             wrong += [f"--band {problem}" for problem in request.contradictions()]

@@ -25,6 +25,7 @@ from relaxations.shaping.vanishing import VANISHED, left
 MOST_DERIVATIVES, MOST_CONDITIONS = 11, 30
 TOLD = 4.0  # e-folds of decay up to which programs in doubles come first
 SAME = 1.0 - 1e-5  # of a tolerance: humps are designed a hair below it
+LARGEST_SUM = 1e9  # of a bound of partial sums
 WHOLE = 1e-9  # partial sums this close to a whole number are it
 ONE_MODE = "the least duration is that of one mode's zeros alone: with those of all nothing more was proven"
 UNPROVEN = "no least duration: with damping so near 1 what tells shorter sequences apart is lost in rounding"
@@ -131,12 +132,17 @@ def summed(sums: tuple[float, float], what: str) -> str:
 
 
 def bounds_of(sums: tuple[float, float]) -> tuple[Fraction, Fraction]:
-    """Exactly; raises `ImpossibleShaperError` where no shaper has such partial sums."""
+    """Exactly; raises `ImpossibleShaperError` where no shaper has such partial sums, `ShaperError` where they are too large."""
     low, high = (exact(repr(bound)) for bound in sums)
     if not (low <= 0 and high >= 1):
         raise ImpossibleShaperError(
             f"partial sums begin at 0 and end at 1, so no shaper has them within [{sums[0]}, {sums[1]}]; "
             "bounds are at most 0 and at least 1"
+        )
+    if max(-low, high) > LARGEST_SUM:
+        raise ShaperError(
+            f"partial sums from {sums[0]:g} to {sums[1]:g}: bounds beyond {LARGEST_SUM:g} are of impulses so large that doubles, which "
+            "round them, leave more of a mode than nothing"
         )
     return low, high
 

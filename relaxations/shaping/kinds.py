@@ -98,6 +98,7 @@ def make(name: str, request: Request) -> Made:
     if wrong:
         raise ShaperError("; ".join(wrong))
     made = kind.make(request, number)
+    made = replace(made, ranges=tuple((request.modes.index(band.mode), band) for _, band in made.ranges))
     # In closed form zeros are exact but for rounding, and for amplitudes that are too small for doubles.
     closed = kind.make is _derivatives and request.sample_time is None and not request.simultaneous
     if kind.zeros is not None and kind.zeros in (all_modes, all_once):
@@ -170,12 +171,19 @@ def _on_samples(found: Sampled, sample_time: float, zeros: Sequence[tuple[Mode, 
     return replace(made, least=least_of(proven if found.needed else None, what, [mode for mode, _ in zeros]))
 
 
+def _each_once(request: Request) -> Request:
+    """Where one solution for all modes is asked for: what it does for a mode it does for another just like it."""
+    at_once = request.simultaneous or request.sample_time is not None
+    return replace(request, modes=different(request.modes)) if at_once else request
+
+
 def _humps(request: Request, number: int) -> Made:
+    request = _each_once(request)
     if request.sample_time is not None:
-        bands = humped_ranges(different(request.modes), request.tolerance, number)
+        bands = humped_ranges(request.modes, request.tolerance, number)
         what = f"positive shapers within {request.tolerance:g} over the range of each mode's own {humps_of(number)}"
         return replace(_keeping_on_samples(bands, request.sample_time, what), ranges=tuple(enumerate(bands)))
-    if request.simultaneous and len(different(request.modes)) > 1:
+    if request.simultaneous and len(request.modes) > 1:
         return _humps_at_once(request, number)
     humped = [extra_insensitive(mode, request.tolerance, number) for mode in request.modes]
     zeros = [zero for one in humped for zero in one.zeros]
@@ -199,13 +207,14 @@ def _humps_at_once(request: Request, number: int) -> Made:
 
 
 def _unity_humps(request: Request, number: int) -> Made:
+    request = _each_once(request)
     if request.sample_time is not None:
-        bands = humped_ranges(different(request.modes), request.tolerance, number, unity_magnitude)
+        bands = humped_ranges(request.modes, request.tolerance, number, unity_magnitude)
         shaper, needed = within_sums_on_samples(bands, 0.0, 1.0, request.sample_time)
         what = f"partial sums in [0, 1] within {request.tolerance:g} over the range of each mode's own um-{humps_of(number)}"
         return _with_samples(shaper, needed, f"sequences of {what}", request.sample_time, tuple(enumerate(bands)))
-    if request.simultaneous and len(different(request.modes)) > 1:
-        bands = humped_ranges(different(request.modes), request.tolerance, number, unity_magnitude)
+    if request.simultaneous and len(request.modes) > 1:
+        bands = humped_ranges(request.modes, request.tolerance, number, unity_magnitude)
         found = within_sums_and_bands(bands, 0.0, 1.0)
         what = f"partial sums in [0, 1] within {request.tolerance:g} over the range of each mode's own um-{humps_of(number)}"
         least = least_of(found.lower, f"sequences of {what}")
@@ -214,7 +223,9 @@ def _unity_humps(request: Request, number: int) -> Made:
     shaper = reduce(convolve, (one.shaper for one in humped))
     zeros = [zero for one in humped for zero in one.zeros]
     least = None
-    if len(humped) == 1 and request.modes[0].decay < DECAYED:  # with partial sums from 0 on there is nothing shorter either
+    if len(humped) == 1 and all(
+        mode.decay < DECAYED for mode in request.modes
+    ):  # with partial sums from 0 on there is nothing shorter either
         lower = least_up_to_one_of(humped[0].zeros, humped[0].dips)
         least = least_of(lower, summed((0.0, 1.0), own(humped, request.modes)), zeros)
     least = least or within_sums(zeros, sums_of(shaper), 0, own(humped, request.modes))
@@ -240,22 +251,15 @@ def _with_samples(
 
 
 def _negative(request: Request, number: int) -> Made:
-    negative = request.negative if request.negative is not None else math.nan
+    negative, request = request.negative if request.negative is not None else math.nan, _each_once(request)
+    modes = request.modes
+    each = [negative_zv(mode, negative) for mode in modes]  # refuses what is no size of an amplitude
     if request.sample_time is not None:
-        modes = different(request.modes)
-        for mode in modes:
-            negative_zv(mode, negative)  # refuses what is no size of an amplitude
         shaper, needed = negative_on_samples(modes, negative, request.sample_time)
         among = f"shapers with zero vibration whose negative amplitudes sum to at most {negative!r}"
         return _with_samples(shaper, needed, among, request.sample_time, zeros=modes)
-    if request.simultaneous and len(modes := different(request.modes)) > 1:
-        for mode in modes:
-            negative_zv(mode, negative)  # refuses what is no size of an amplitude
-        shaper = negative_at_once(modes, negative)
-        least = with_negative(shaper, [Remnant(mode) for mode in modes], "zero vibration")
-        return Made(shaper, least, notes=() if least else (UNPROVEN,))
-    shaper = _in_turn(request.modes, lambda mode: negative_zv(mode, negative))
-    least = with_negative(shaper, [Remnant(mode) for mode in request.modes], "zero vibration")
+    shaper = negative_at_once(modes, negative) if request.simultaneous and len(modes) > 1 else reduce(convolve, each)
+    least = with_negative(shaper, [Remnant(mode) for mode in modes], "zero vibration")
     return Made(shaper, least, notes=() if least else (UNPROVEN,))
 
 
