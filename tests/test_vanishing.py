@@ -75,7 +75,7 @@ def test_a_decay_is_no_zero():
         ("um-zv-d:21 --mode 1Hz:0.1", 2, "up to 20 are possible"),
         ("um-zv-d:6 --mode 1Hz:0 --mode 2Hz:0 --simultaneous", 2, "28 equations at once; up to 24 are possible"),
         ("um-zv --mode 1Hz:0.99 --sample-time 0.01", 1, "tried up to a damping of 0.9878"),
-        ("pulses-zv --mode 1Hz:0.99 --height 3", 1, "tried up to a damping of 0.9812"),
+        ("pulses-zv --mode 1Hz:0.99 --height 3 --sample-time 0.1", 1, "tried up to a damping of 0.9812"),
         ("pulses-zv-d:20 --mode 1Hz:0.05 --height 3", 2, "up to 24 are possible"),
         ("si --mode 1Hz:0.05 --band 0.1:10", 1, "by a factor of up to 12 are possible"),
         ("dl-zv --mode 1Hz:0.05 --deflection 1e-6", 2, "limits from 0.00083 on are possible"),

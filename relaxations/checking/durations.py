@@ -29,6 +29,7 @@ from flint import acb, arb, fmpq
 
 BITS = 128
 MOST_CELLS = 20_000
+RELATIVE = 1e-16  # of what pulses must contribute: a cell that adds no more is small enough
 FIRST_CELLS, ENOUGH = 64, 1e-9  # of a function of order one: a cell that adds no more to a bound is small enough
 
 
@@ -107,6 +108,15 @@ class _Function:
         if 0 in orders:
             values[list(orders).index(0)] -= self.offset
         return values
+
+    def integral(self, s: arb) -> arb:
+        """An antiderivative: `∫ x^j e^{κx} dx = e^{κx} Σ_i (-1)^i j!/(j - i)! x^{j-i}/κ^{i+1}`, x = ωs."""
+        total = -self.offset * s
+        for omega, kappa, power, weight in self.terms:
+            x = omega * s
+            parts = ((-1) ** i * perm(power, i) * x ** (power - i) / kappa ** (i + 1) for i in range(power + 1))
+            total += (weight * (kappa * x).exp() * sum(parts, acb(0)) / omega).real
+        return total
 
 
 def _positive(duration: arb, function: Callable[[arb, Sequence[int]], list[arb]]) -> bool:
@@ -213,6 +223,55 @@ def none_of_sums_up_to_one(duration: Fraction, conditions: Sequence[Condition], 
         return bool(function(-whole, (0,))[0] > 0) and _positive(whole, lambda s, orders: function(s, [order + 1 for order in orders]))
     finally:
         flint.ctx.prec = before
+
+
+def none_of_pulses(
+    duration: Fraction, conditions: Sequence[Condition], height: Fraction, level: Fraction = Fraction(1), bits: int = BITS
+) -> bool:
+    """Whether it is proven that no pulses of at most `height` a [1/s] within at most `duration` [s] meet the conditions.
+
+    Any course 0 ≤ u ≤ a of integral 1 makes `c - Σ |y_i| V_i ≤ ∫ u (c - p) ≤ a ∫ max(c - p, 0)`, c the `level`. What lies within a
+    shorter time lies within this one too.
+    """
+    before, flint.ctx.prec = flint.ctx.prec, max(bits, BITS)
+    try:
+        if not (_sound(conditions) and duration > 0 and height > 0 and level > 0):
+            return False
+        function = _Function(conditions)
+        room = _arb(level) - function.offset
+        if not room > 0:
+            return False
+        below = _below(_arb(duration), function, room, (room / _arb(height)).lower() * RELATIVE)
+        return below is not None and bool(_arb(height) * below < room)
+    finally:
+        flint.ctx.prec = before
+
+
+def _below(duration: arb, function: _Function, room: arb, enough: arb) -> arb | None:
+    """An upper bound of `∫ max(room - q, 0)` on [-duration, 0], q the function; cells whose sign is not told add up to `enough` each."""
+    total, width = arb(0), duration / FIRST_CELLS
+    waiting = [(-duration + k * width, -duration + (k + 1) * width) for k in range(FIRST_CELLS)]
+    count = 0
+    while waiting:
+        low, high = waiting.pop()
+        count += 1
+        if count > MOST_CELLS:
+            return None
+        middle, half = ((low + high) / 2).mid(), ((high - low) / 2).upper()
+        value, slope, bend = function(middle, (0, 1, 2))
+        third = abs(function(low.union(high), (3,))[0]).upper() * half
+        if _least(value - room, slope, bend - third, half) >= 0:
+            continue
+        least_missing = _least(room - value, -slope, -bend - third, half)
+        if least_missing > 0:
+            total += room * (high - low) - (function.integral(high) - function.integral(low))
+            continue
+        most = 2 * half * (room - _least(value, slope, bend - third, half)).upper()
+        if most < enough:
+            total += most.max(arb(0))
+        else:
+            waiting += [(low, middle), (middle, high)]
+    return total
 
 
 def _rises(duration: arb, function: _Function) -> arb | None:

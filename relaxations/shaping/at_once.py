@@ -43,7 +43,7 @@ def positive_at_once(zeros: Zeros) -> tuple[Shaper, float | None]:
 
     Derivatives are as many for all modes. Raises `SolverError`.
     """
-    _require_doubles(zeros)
+    require_doubles(zeros)
     found = shortest(zeros)
     with precision(bits_of(zeros)):
         sizes = [arb(1), *found.sizes]
@@ -52,7 +52,7 @@ def positive_at_once(zeros: Zeros) -> tuple[Shaper, float | None]:
     return shaper, least_of_positive([mode for mode, _ in zeros], shaper, zeros[0][1])
 
 
-def _require_doubles(zeros: Zeros) -> None:
+def require_doubles(zeros: Zeros) -> None:
     """Raises `SolverError`, saying what is possible, where the smallest amplitude is no double: it is nearly that of the convolution."""
     if (least := _smallest(zeros, 1.0)) >= LEAST + NEARLY:
         return
@@ -77,7 +77,7 @@ def dips_at_once(modes: Sequence[Mode], lower: Fraction, derivatives: int) -> tu
     Raises `SolverError`.
     """
     zeros = [(mode, derivatives) for mode in modes]
-    _require_doubles(zeros)
+    require_doubles(zeros)
     found = shortest(zeros, dips=True)
     depth = 1 - lower
     with precision(bits_of(zeros)):

@@ -12,7 +12,6 @@ from functools import reduce
 
 import numpy as np
 
-from relaxations.bounds import Status
 from relaxations.checking.worst import worst_residual
 from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import exact
@@ -319,7 +318,7 @@ def _on_off(request: Request, number: int) -> Made:
         found = pulsed(different(request.modes), height, number)
     else:
         found = at_intervals(different(request.modes), height, request.sample_time, number)
-    proven = found.bound.lower if found.bound.status is Status.PROVED else None
+    proven = found.lower
     if request.sample_time is not None and found.intervals:
         what = f"pulses of {height:g} 1/s that begin at multiples of {request.sample_time!r} s, of which {found.intervals} are needed"
         begins = rounded_down((found.intervals - 1) * exact(repr(request.sample_time)))  # the last pulse's

@@ -3,43 +3,37 @@
 A sequence of pulses u(t), 0 ≤ u ≤ a, of integral 1 that leaves modes at rest is a command from rest to rest of the plant
 `1/s ∏ ω²/(s² + 2ζωs + ω²)`, displacement 1: its fastest one is on-off, and `relaxations.proofs.minimum_time` finds and proves it. Pulses
 that begin at given intervals only need more time: their durations solve the same equations, on as few intervals as do
-(relaxations.shaping.pulse_intervals).
+(relaxations.shaping.pulse_intervals). Where modes decay much meanwhile the pulses are followed from impulses
+(relaxations.shaping.narrow_pulses).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 from flint import fmpq_poly
 
-from relaxations.bounds import Bound, Status
+from relaxations.bounds import Status
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.maneuvers import Limits, Maneuver, problem
 from relaxations.plants import LinearPlant, exact, fraction
 from relaxations.proofs import minimum_time
+from relaxations.shaping.at_once import decaying
 from relaxations.shaping.bounded import MOST_EQUATIONS
 from relaxations.shaping.commanded import plant_of
 from relaxations.shaping.modes import Mode
+from relaxations.shaping.narrow_pulses import PulseShaper, narrow_pulses
 from relaxations.shaping.pulse_intervals import SHORTEST, Pulses, search
 from relaxations.shaping.shapers import Pulse, Shaper
 from relaxations.shaping.vanishing import require_told
 
 HIGHEST = 1e8  # of a height, in pulses of the fastest mode's half period: instants are rounded to 1e-16 of it
-MOST_FOLDS = 16.0  # of decay while the pulses last: programs in doubles tell that much
+WELL_TOLD, MOST_FOLDS = 4.0, 16.0  # of decay while impulses last: with more they are followed; programs in doubles tell so much
+NEAR = 1e-6  # relative: so near its lower bound a sequence is the shortest
 MORE, MOST = 12, 400  # intervals beyond the fewest that are tried, and intervals at all
-
-
-@dataclass(frozen=True, slots=True)
-class PulseShaper:
-    """A shaper, and the proof of the least duration of such pulses: `bound.lower` [s]; on given intervals, how many of them are needed."""
-
-    shaper: Shaper
-    bound: Bound
-    intervals: int = 0
 
 
 def pulsed(modes: Sequence[Mode], height: float, derivatives: int = 0) -> PulseShaper:
@@ -61,7 +55,27 @@ def pulsed(modes: Sequence[Mode], height: float, derivatives: int = 0) -> PulseS
             f"{derivatives} derivatives of {len(modes)} mode(s) are {equations} equations at once; up to {MOST_EQUATIONS} are possible, "
             "and zv-d:N with --pulse, pulses of one width, takes any number"
         )
-    require_told(modes, derivatives, MOST_FOLDS)
+    followed, trouble = None, None
+    if decaying([(mode, derivatives) for mode in modes]) > WELL_TOLD:
+        try:
+            followed = narrow_pulses(modes, height, derivatives)
+        except SolverError as problem:
+            trouble = problem
+        if followed is not None and (followed.lower or 0.0) >= (1.0 - NEAR) * followed.shaper.duration:
+            return followed
+    try:
+        require_told(modes, derivatives, MOST_FOLDS)
+        return _fastest(modes, height, derivatives)
+    except SolverError:
+        if followed is not None:
+            return followed
+        if trouble is not None:
+            raise trouble from None
+        raise
+
+
+def _fastest(modes: Sequence[Mode], height: float, derivatives: int) -> PulseShaper:
+    """As a command's."""
     flexible = plant_of(modes)
     low = flexible.numerators[flexible.output].coeffs()[0]
     denominator = [fraction(c) for c in reversed((flexible.denominator * fmpq_poly([0, 1])).coeffs())]
@@ -76,7 +90,8 @@ def pulsed(modes: Sequence[Mode], height: float, derivatives: int = 0) -> PulseS
     on = [(s.start, end, s.level) for s, end in zip(bound.command.segments, ends, strict=True) if s.level > 1e-9 * height]
     first = on[0][0]
     area = math.fsum((end - start) * level for start, end, level in on)
-    return PulseShaper(Shaper((), (), (), tuple(Pulse(a - first, b - a, level / area) for a, b, level in on)), bound)
+    shaper = Shaper((), (), (), tuple(Pulse(a - first, b - a, level / area) for a, b, level in on))
+    return PulseShaper(shaper, bound.lower if bound.status is Status.PROVED else None)
 
 
 def at_intervals(modes: Sequence[Mode], height: float, interval: float, derivatives: int = 0) -> PulseShaper:
@@ -89,11 +104,13 @@ def at_intervals(modes: Sequence[Mode], height: float, interval: float, derivati
         raise ShaperError(f"an interval is positive and finite, not {interval!r} s")
     if coarse := [mode.half_period for mode in modes if interval > mode.half_period]:
         raise ImpossibleShaperError(f"pulses every {interval!r} s are too coarse: half a damped period is {min(coarse):.6g} s")
+    require_told(modes, derivatives, MOST_FOLDS)
     free = pulsed(modes, height, derivatives)
-    fewest = max(math.ceil(free.bound.lower / interval - 1e-9), 1)
+    least = free.lower or free.shaper.duration
+    fewest = max(math.ceil(least / interval - 1e-9), 1)
     if fewest > MOST:
         raise ShaperError(f"{fewest} intervals of {interval!r} s are more than {MOST}; longer intervals or higher pulses need fewer")
-    needed = math.ceil(Fraction(free.bound.lower) / exact(repr(interval))) if free.bound.status is Status.PROVED else 0
+    needed = 0 if free.lower is None else math.ceil(Fraction(free.lower) / exact(repr(interval)))
     for count in range(fewest, min(fewest + MORE, MOST) + 1):
         found = search(Pulses(tuple(modes), height, interval, derivatives, count))
         if found.refuted:
@@ -103,5 +120,5 @@ def at_intervals(modes: Sequence[Mode], height: float, interval: float, derivati
             first = kept[0] * interval
             area = float(found.widths[kept].sum()) * height
             pulses = tuple(Pulse(float(k * interval - first), float(found.widths[k]), height / area) for k in kept)
-            return PulseShaper(Shaper((), (), (), pulses), free.bound, needed)
+            return PulseShaper(Shaper((), (), (), pulses), free.lower, needed)
     raise SolverError(f"no pulses on {fewest} to {fewest + MORE} intervals of {interval!r} s were found; others may do")

@@ -53,7 +53,7 @@ def least_of_positive(zeros: Sequence[Mode], shaper: Shaper, derivatives: int = 
     with precision(bits := _bits(zeros, shaper.duration)):
         end = arb(times[-1])
         (first, size), *later = [(arb(t) - end, arb(a)) for t, a in zip(times, amplitudes, strict=True)]
-        scaled = _scaled(_row(terms, first, 1), size * end), arb(1)
+        scaled = _scaled(row(terms, first, 1), size * end), arb(1)
         return _least(terms, later, end, scaled, bits, dips=False)
 
 
@@ -65,7 +65,7 @@ def least_up_to_one_of(zeros: Sequence[Mode], dips: Sequence[tuple[arb, arb]], d
     with precision(bits := max(_bits(zeros, float(dips[-1][1])), flint.ctx.prec)):
         end = (dips[-1][0] + dips[-1][1]) / 2
         places = [((begin + until) / 2 - end, until - begin) for begin, until in dips]
-        scaled = _scaled(_row(terms, places[-1][0], 2), places[-1][1] * end), arb(-1)
+        scaled = _scaled(row(terms, places[-1][0], 2), places[-1][1] * end), arb(-1)
         return _least(terms, places, end, scaled, bits, dips=True)
 
 
@@ -73,23 +73,23 @@ def _least(terms: Terms, places: Places, end: arb, scaled: tuple[Vector, arb], b
     """f, or of dips f', has its zeros at these places; `scaled`: the equation that tells how large it is."""
     order = int(dips)
     proof = none_of_sums_up_to_one if dips else none_as_short
-    touched = [_scaled(_row(terms, place, order), weight) for place, weight in places]
-    level = [_scaled(_row(terms, place, order + 1), weight) for place, weight in places[:-1]]
+    touched = [_scaled(row(terms, place, order), weight) for place, weight in places]
+    level = [_scaled(row(terms, place, order + 1), weight) for place, weight in places[:-1]]
     if len(touched) == len(terms):
         for above in ABOVE:
             right = [arb(above)] * len(touched) + [arb(0)] * len(level) + [scaled[1]]
-            found = _solved([*touched, *level, scaled[0]], right)
+            found = solution([*touched, *level, scaled[0]], right)
             for less in BELOW:
                 claimed = float(end) * (1.0 - less * (len(places) + 1) * above)
-                if found and proof(Fraction(claimed), _conditions(terms, found), bits=bits):
+                if found and proof(Fraction(claimed), conditions_of(terms, found), bits=bits):
                     return claimed
         return None
     count = 2 * len(terms) - 1 - len(touched)
-    own = _solved([*touched, *level[:count], scaled[0]], [arb(0)] * (len(touched) + count) + [scaled[1]])
+    own = solution([*touched, *level[:count], scaled[0]], [arb(0)] * (len(touched) + count) + [scaled[1]])
     for less in SHORTER if own and 0 <= count <= len(level) else ():
         claimed = float(end) * (1.0 - less)
         found = _widest(terms, [float(place) for place, _ in places], own, claimed, order)
-        if found and proof(Fraction(claimed), _conditions(terms, found), bits=bits):
+        if found and proof(Fraction(claimed), conditions_of(terms, found), bits=bits):
             return claimed
     return None
 
@@ -103,9 +103,9 @@ def _widest(terms: Terms, places: Sequence[float], own: Vector, duration: float,
         for side in (-1.0, 1.0):
             instants |= {place + side * duration * CLOSEST * GROWING**k for k in range(STEPS)} | {place}
     since = sorted(t for t in instants if -duration <= t <= 0.0)
-    columns = [_row(terms, arb(t), order) for t in since]
+    columns = [row(terms, arb(t), order) for t in since]
     if order:  # f itself at the beginning
-        columns.append(_row(terms, arb(-duration), 0))
+        columns.append(row(terms, arb(-duration), 0))
     columns = [[c * entry for c, entry in zip(own, column, strict=True)] for column in columns]
     sums = [sum(map(abs, column), arb(0)) for column in columns]
     m = len(own)
@@ -127,7 +127,7 @@ def _bits(zeros: Sequence[Mode], duration: float) -> int:
     return BITS + math.ceil(2.0 * min((max(rates) - min(rates)) * duration, MOST_FOLDS) / math.log(2.0))
 
 
-def _row(terms: Terms, since: arb, order: int) -> Vector:
+def row(terms: Terms, since: arb, order: int) -> Vector:
     """What each coefficient adds to derivative `order` of f: (ωs)^j e^{κωs}."""
     found: Vector = []
     for zero, power in terms:
@@ -143,8 +143,8 @@ def _scaled(row: Sequence[arb], by: arb) -> Vector:
     return [by * entry for entry in row]
 
 
-def _solved(rows: Sequence[Sequence[arb]], right: Sequence[arb]) -> Vector:
-    """None where they do not tell."""
+def solution(rows: Sequence[Sequence[arb]], right: Sequence[arb]) -> Vector:
+    """Of as many equations as unknowns; nothing where they do not tell."""
     if len(rows) != len(rows[0]):
         return []
     try:
@@ -154,7 +154,8 @@ def _solved(rows: Sequence[Sequence[arb]], right: Sequence[arb]) -> Vector:
     return [found[k, 0].mid() for k in range(len(right))]
 
 
-def _conditions(terms: Terms, coefficients: Sequence[arb]) -> list[Condition]:
+def conditions_of(terms: Terms, coefficients: Sequence[arb]) -> list[Condition]:
+    """What the checker reads: coefficients (2 for each term) as weights."""
     numbers = list(map(_fraction, coefficients))
     return [
         Condition(Fraction(zero.frequency), Fraction(zero.damping), Fraction(0), power, (numbers[2 * k], numbers[2 * k + 1]))
