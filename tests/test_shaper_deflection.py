@@ -13,11 +13,13 @@ from scipy.optimize import linprog
 
 from relaxations.checking.sampled_deflections import Asked, Left, Strayed, none_on_samples
 from relaxations.errors import ImpossibleShaperError, ShaperError
+from relaxations.shaping.bounded import bounded
 from relaxations.shaping.deflection import deflection, deflection_limited
 from relaxations.shaping.impulses import derivative_shaper
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.sensitivity import residual
 from relaxations.shaping.shapers import Shaper
+from relaxations.shaping.vanishing import left
 
 ONE, TWO = (Mode(2 * math.pi, 0.02),), (Mode(6.0, 0.02), Mode(17.0, 0.03))
 
@@ -56,6 +58,25 @@ def test_the_limit_holds_and_nothing_is_left(modes: tuple[Mode, ...], limit: flo
         at = [float(residual(found.times, found.amplitudes, mode.frequency * f, mode.damping)[0]) for f in (1.0, 1.0 + nudge)]
         assert at[0] < 1e-10
         assert at[1] < 20.0 * nudge ** (derivatives + 1) * 5.0**derivatives
+
+
+@pytest.mark.parametrize(
+    ("damping", "derivatives"),
+    [(0.9, 1), (0.99, 0), pytest.param(0.99, 1, marks=pytest.mark.slow), pytest.param(0.999, 0, marks=pytest.mark.slow)],
+)
+def test_much_damping(damping: float, derivatives: int):
+    """Dips from 1 fall with the mode's decay, to 1e-34 of a step at last, and are solved in units that fall with it."""
+    mode = Mode(2 * math.pi, damping)
+    found = deflection_limited([mode], 0.5, derivatives=derivatives).shaper
+    shortest = bounded([mode], 0.0, 1.0, derivatives).lower
+    assert shortest is not None
+    assert shortest < found.duration < shortest + 0.4  # what half a step's deflection costs is hardly more than 0.3 s at any of these
+    assert left(found, mode, derivatives) < 1e-11
+    assert np.cumsum(found.amplitudes).max() <= 1.0 + 4e-16
+    depths = np.cumsum(np.array(found.amplitudes)[::-1])[:0:-1]  # of partial sums below 1, exact where these are rounded to it
+    assert depths.min() >= -1e-15 * math.exp(-damping * mode.frequency * found.duration)
+    assert deflection(found, mode).upper <= 0.5
+    assert integrated(found, mode) <= 0.5 * (1 + 1e-6)
 
 
 def test_a_tighter_limit_takes_longer_and_wider_sums_do_not():

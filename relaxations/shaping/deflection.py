@@ -67,7 +67,7 @@ def deflection_limited(
     if not 0.0 < limit < math.inf:
         raise ShaperError(f"a limit of deflection is a positive fraction of that under an unshaped step, not {limit!r}")
     fastest = min(mode.half_period for mode in modes)
-    step = fastest / PER_HALF_PERIOD if sample_time is None else sample_time
+    step = min(_scale(mode) for mode in modes) / PER_HALF_PERIOD if sample_time is None else sample_time
     if step > fastest / 2.0:
         raise ImpossibleShaperError(
             f"a sample time of {step!r} s is too coarse to see how far a mode is deflected; at most {fastest / 2.0:.6g} s would do, "
@@ -113,6 +113,11 @@ def deflection_limited(
     return Limited(shaper, step, needed)
 
 
+def _scale(mode: Mode) -> float:
+    """Half a period [s], damped; of a mode of much damping, which hardly turns, that of the undamped one twice."""
+    return min(mode.half_period, 2.0 * math.pi / mode.frequency)
+
+
 def _amplitudes(
     modes: Sequence[Mode], limit: float, sums: tuple[float, float], derivatives: int, step: float, samples: int
 ) -> Reals | None:
@@ -129,10 +134,11 @@ def _amplitudes(
     equal, aim = np.array(rows), np.eye(len(rows))[0]
     after, before = np.tri(count), np.tri(count, k=-1)
     moved = [np.array([step_response([t], [1.0], m.frequency, m.damping, instants) for t in instants]).T for m in modes]
-    strays = np.vstack([y - u for y in moved for u in (after, before)])
-    room = limit * (1.0 - INSIDE)
-    above = np.vstack([strays, -strays, after, -after]) * units
-    bounds = np.concatenate([np.full(2 * len(strays), room), np.full(count, sums[1]), np.full(count, -sums[0])])
+    strays = np.vstack([y - u for y in moved for u in (after, before)]) * units
+    # How far partial sums are from the last one, 1, in units of the impulse that comes next: dips from 1 fall with the modes' decay.
+    following = np.triu(units / np.append(units[1:], units[-1])[:, None], k=1)[:-1]
+    above = np.vstack([strays, -strays, -following, following])
+    bounds = np.concatenate([np.full(2 * len(strays), limit * (1.0 - INSIDE)), (sums[1] - 1.0) / units[1:], (1.0 - sums[0]) / units[1:]])
     tolerances = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
     # The least sum of sizes: few impulses, and no more motion than is needed.
     split = linprog(
@@ -142,38 +148,38 @@ def _amplitudes(
         A_eq=np.hstack([equal, -equal]),
         b_eq=aim,
         bounds=(0.0, None),
-        method="highs",
+        method="highs-ipm",  # its simplex methods take minutes where samples are too few
         options=tolerances,
     )
     if split.status != 0:
         return None
-    found = split.x[:count] - split.x[count:]
-    amplitudes = _exact(found, equal, units, sums)
+    amplitudes = _exact(split.x[:count] - split.x[count:], equal, units, sums)
     return amplitudes if amplitudes is not None and _within(amplitudes, modes, limit, step) else None
 
 
 def _exact(found: Reals, equal: Reals, units: Reals, sums: tuple[float, float]) -> Reals | None:
     """The program's amplitudes (`found` in `units`) with the equations met to rounding, and the bounds that partial sums meet exactly."""
     begins = np.flatnonzero(np.abs(found) > ZERO)
-    if not len(begins):
+    if len(begins) < 2:
         return None
-    levels = np.cumsum(found * units)[begins]
-    for bound in sums:
-        levels[np.abs(levels - bound) <= ON_BOUND] = bound
-    levels[-1] = 1.0
-    free = ~np.isin(levels, sums)
-    free[-1] = False
-    # A level lasts until the next begins: it is an amplitude there, and one less here, in units that decay as it begins.
-    columns = equal[:, begins] / units[begins]
-    jumps = np.diff(levels, prepend=0.0)
-    steps = (columns - np.roll(columns, -1, axis=1))[:, free] * units[begins][free]
-    levels[free] += units[begins][free] * np.linalg.lstsq(steps[1:], -(columns @ jumps)[1:], rcond=None)[0]
-    jumps = np.diff(levels, prepend=0.0)
-    missed = columns @ jumps - np.eye(len(equal))[0] * jumps.sum()
-    if np.abs(missed[1:]).max() > 1e-12 * max(1.0, float(np.abs(jumps / units[begins]).max())):
+    own = units[begins]
+    # Of each but the last partial sum: how far below 1 it is, in units of the impulse that ends it.
+    depths = np.cumsum((found[begins] * own)[::-1])[::-1][1:] / own[1:]
+    low, high = ((1.0 - bound) / own[1:] for bound in sums)
+    on_low, on_high = np.abs(depths - low) <= ON_BOUND / own[1:], np.abs(depths - high) <= ON_BOUND
+    depths = np.where(on_high, high, np.where(on_low, low, depths))
+    # An impulse ends one level and begins the next: d_{k-1} - d_k, and the first one 1 - d_0.
+    ends = np.vstack([np.zeros(len(depths)), np.eye(len(depths))]) - np.vstack([np.diag(own[1:] / own[:-1]), np.zeros(len(depths))])
+    start = np.eye(len(begins))[0] / own[0]
+    free = ~on_low & ~on_high
+    conditions = equal[1:, begins]
+    jumps = start + ends @ depths
+    depths[free] += np.linalg.lstsq(conditions @ ends[:, free], -conditions @ jumps, rcond=None)[0]
+    jumps = start + ends @ depths
+    if np.abs(conditions @ jumps).max() > 1e-12 * max(1.0, float(np.abs(jumps).max())):
         return None
     amplitudes = np.zeros(len(units))
-    amplitudes[begins] = jumps
+    amplitudes[begins] = jumps * own
     return amplitudes
 
 
