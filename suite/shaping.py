@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeVar
 
-from relaxations.checking.worst import Worst, worst_residual
+from relaxations.checking.worst import Worst
 from relaxations.errors import RelaxationsError, ShaperError, SolverError
 from relaxations.shaping.bands import Band
 from relaxations.shaping.deflection import deflection
@@ -19,6 +18,7 @@ from relaxations.shaping.moves import Move
 from relaxations.shaping.requests import BAND, TOLERANCE, Least, Request
 from relaxations.shaping.sensitivity import insensitivity
 from relaxations.shaping.shapers import Shaper
+from relaxations.shaping.worst_cases import worst_over
 from suite.decays import Measured, measured_decay
 from suite.errors import SuiteError
 from suite.shaper_moves import Moved, moved
@@ -195,18 +195,10 @@ def _require_kept(kind: str, reach: Reach) -> None:
 
 
 def _reach(shaper: Shaper, number: int, band: Band) -> Reach:
-    times, amplitudes, order = shaper.exact_excitation
-    low, high = band.dampings or (band.mode.damping, band.mode.damping)
-    frequencies = [Fraction(repr(factor)) * Fraction(repr(band.mode.frequency)) for factor in (band.low, band.high)]
-    box = (frequencies[0], frequencies[1]), (Fraction(repr(low)), Fraction(repr(high)))
-
-    def enclosed(closely: float) -> Worst:
-        return worst_residual(times, amplitudes, *box, relative=closely, absolute=closely * band.tolerance, order=order)
-
-    worst = enclosed(PROVEN)
+    worst = worst_over(shaper, band, PROVEN)
     for closely in CLOSER:
         if worst.lower <= band.tolerance < worst.upper:
-            worst = enclosed(closely)
+            worst = worst_over(shaper, band, closely)
     return Reach(number + 1, band, worst)
 
 

@@ -52,10 +52,14 @@ ROUGH = 1e-5  # relative accuracy of a duration from which Newton's method goes 
 
 @dataclass(frozen=True, slots=True)
 class Shortest:
-    """The shaper found, and `lower` [s]: no positive one that meets the demands is as short, *proven*; None if nothing was proven."""
+    """The shaper found, and `lower` [s]: no positive one that meets the demands is as short, *proven*; None if nothing was proven.
+
+    `note`: what is to be known of it, where it is not the shortest.
+    """
 
     shaper: Shaper
     lower: float | None
+    note: str = ""
 
 
 def specified(bands: Sequence[Band], zeros: Sequence[tuple[Mode, int]] = ()) -> Shortest:

@@ -39,7 +39,6 @@ from relaxations.shaping.decayed import DECAYED
 from relaxations.shaping.deflection import deflection_limited
 from relaxations.shaping.humps import extra_insensitive, unity_magnitude
 from relaxations.shaping.impulses import derivative_shaper, mzv, negative_zv
-from relaxations.shaping.insensitive import specified
 from relaxations.shaping.insensitive_samples import within_on_samples
 from relaxations.shaping.least_durations import Remnant, least_with_derivatives
 from relaxations.shaping.modes import Mode
@@ -52,12 +51,11 @@ from relaxations.shaping.ranges import humped_ranges
 from relaxations.shaping.requests import Least, Made, Request
 from relaxations.shaping.sampled import Sampled, sampled
 from relaxations.shaping.shapers import Shaper, as_pulses, convolve
-from relaxations.shaping.small_tolerances import SMALLEST, within
+from relaxations.shaping.small_tolerances import least_known, within
 from relaxations.shaping.sums_within import within_sums_and_bands
 from relaxations.shaping.touching import least_of_positive, least_up_to_one_of
 from relaxations.shaping.vanishing import require
 
-LARGER_TOLERANCE = "a tolerance so small is kept by a humped shaper, near the shortest; the least duration is that of a larger tolerance"
 NO_FEWER = "no least duration: that fewer samples do not do is so close that it was not proven"
 CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 
@@ -202,7 +200,7 @@ def _humps_at_once(request: Request, number: int) -> Made:
     bands = humped_ranges(request.modes, request.tolerance, number)
     shortest = within(tuple(dict.fromkeys(bands)))
     what = f"positive shapers within {request.tolerance:g} over the range of each mode's own {humps_of(number)}"
-    return Made(shortest.shaper, least_of(shortest.lower, what), tuple(enumerate(bands)))
+    return Made(shortest.shaper, least_of(shortest.lower, what), tuple(enumerate(bands)), (shortest.note,) if shortest.note else ())
 
 
 def _unity_humps(request: Request, number: int) -> Made:
@@ -265,18 +263,17 @@ def _negative(request: Request, number: int) -> Made:
 def _insensitive(request: Request, number: int) -> Made:
     reaches = request.reaches()
     bands = [band for _, band in reaches]
-    among, small = "positive shapers within the tolerance over every band", min(band.tolerance for band in bands) < SMALLEST
+    among = "positive shapers within the tolerance over every band"
     if request.sample_time is not None:
         return _keeping_on_samples(tuple(dict.fromkeys(bands)), request.sample_time, among)
     if request.simultaneous or len(request.modes) == 1:
         shortest = within(bands)
-        return Made(shortest.shaper, least_of(shortest.lower, among), notes=(LARGER_TOLERANCE,) if small else ())
+        return Made(shortest.shaper, least_of(shortest.lower, among), notes=(shortest.note,) if shortest.note else ())
     each = [within([band for i, band in reaches if i == k]) for k in range(len(request.modes))]
-    lower = max((one.lower for one in each if one.lower is not None), default=None)
-    notes = [LARGER_TOLERANCE] if small else []
-    try:
-        lower = max(lower or 0.0, specified(bands).lower or 0.0) or None
-    except SolverError:
+    notes = [note for note in dict.fromkeys(one.note for one in each) if note]
+    alone = max((one.lower for one in each if one.lower is not None), default=0.0)
+    lower = max(alone, together) if (together := least_known(bands)) else alone or None
+    if not together:
         notes.append(ONE_MODE)
     return Made(reduce(convolve, (one.shaper for one in each)), least_of(lower, among), notes=tuple(notes))
 

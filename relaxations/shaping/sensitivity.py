@@ -30,7 +30,11 @@ def residual(times: ArrayLike, amplitudes: ArrayLike, frequency: ArrayLike, damp
 
 
 def _crossing(excess: Callable[[float], float], inside: float, outside: float) -> float:
-    return inside if excess(inside) >= 0.0 else float(cast(float, brentq(excess, inside, outside, xtol=1e-14)))
+    if excess(inside) >= 0.0:
+        return inside
+    if excess(outside) <= 0.0:  # of levels near rounding sums of many places and of one differ
+        return outside
+    return float(cast(float, brentq(excess, inside, outside, xtol=1e-14)))
 
 
 def insensitivity(times: ArrayLike, amplitudes: ArrayLike, frequency: float, damping: float, level: float, order: int = 0) -> float:
