@@ -2,7 +2,8 @@
 
     y(t) = rest + Σ Re(c_i e^{p_i t}),   p_i = -ζ_i ω_i + j ω_i √(1 - ζ_i²)
 
-The eigensystem realisation (`fmus.identification`) of the evenly spaced samples gives first poles; ω and ζ are then moved to the least
+The eigensystem realisation (`fmus.identification`) of the evenly spaced samples gives first poles, and so does the periodogram of what
+fewer modes leave, where samples have gaps; ω and ζ are then moved to the least
 squares of all samples, amplitudes and rest eliminated, and their standard errors are read from the fit. How many modes there are is decided
 by Schwarz's criterion: one more has to explain more than noise.
 """
@@ -31,8 +32,9 @@ FAINT = 0.02  # of the largest amplitude: a smaller mode is none that a shaper s
 STRAIGHT = 1e-6  # of a record: what a parabola leaves of it where it only drifts
 DRIFT = "the record holds no vibration, only a slow drift"
 FLOOR = 1e-7  # of the largest value: no measurement is better, and rounding is no mode
+BESIDE = 3.0  # turns in the record by which a frequency differs from one that is told apart from it without doubt
 COARSE = 2.8  # ω times the step: closer to π a mode cannot be told from its mirror image
-WIDEST = 0.95  # damping ratio
+WIDEST, SLIGHT = 0.95, 0.01  # damping ratios: the largest one, and that with which one more mode is tried
 GROWING, POOR = 1e-9, 0.05  # a damping that ends at its bound, and how much a fit may leave then
 
 
@@ -88,10 +90,13 @@ def identify_decay(times: Sequence[float] | Reals, values: Sequence[float] | Rea
     if float(np.std(y - np.polyval(np.polyfit(t, y, 2), t))) <= STRAIGHT * float(np.std(y)):  # what fits it best is of rounding's choice
         raise DecayError(DRIFT)
     step, even = _even(t, y)
+    even = even - even.mean()
+    matrix = _realized(even, step)
     few = slice(None, None, -(-len(t) // TRIED))
     best: tuple[float, _Fit] | None = None
     for count in range(1, MOST_MODES + 1):
-        fits = [fit for start in _starts(even - even.mean(), step, count) if (fit := _fitted(start, t[few], y[few])) is not None]
+        starts = _starts(matrix, even, step, count) + ([] if best is None else _with_another(best[1], t[few], y[few]))
+        fits = [fit for start in starts if (fit := _fitted(start, t[few], y[few])) is not None]
         if not fits:
             continue
         fit = min(fits, key=lambda one: one.rms)
@@ -160,13 +165,17 @@ def _even(t: Reals, y: Reals) -> tuple[float, Reals]:
     return float(t[-1] / (len(t) - 1)) * max(factor, 1), np.asarray(even, dtype=float)
 
 
-def _starts(even: Reals, step: float, count: int) -> list[Reals]:
-    """First frequencies and dampings (2 count,), one start for each order tried."""
+def _realized(even: Reals, step: float) -> Reals:
+    """A of the realisation of evenly spaced samples, whose corners are those of lower orders."""
     with np.errstate(all="ignore"):
         # The realisation begins behind the second sample of a response to a pulse: the decay is put there.
         instants: Reals = np.arange(len(even) + 2, dtype=np.float64) * step
         padded = np.concatenate([[0.0, 0.0], even])
-        matrix, _ = realize(Record(instants, np.zeros(1), np.zeros(1), padded))
+        return realize(Record(instants, np.zeros(1), np.zeros(1), padded))[0]
+
+
+def _starts(matrix: Reals, even: Reals, step: float, count: int) -> list[Reals]:
+    """First frequencies and dampings (2 count,) from a realisation of these samples, one start for each order tried."""
     starts = []
     for order in (2 * count + more for more in FURTHER):
         corner = matrix[:order, :order]
@@ -182,6 +191,22 @@ def _starts(even: Reals, step: float, count: int) -> list[Reals]:
         chosen = [kept[i] for i in np.argsort(-sizes).tolist()[:count]]
         starts.append(np.array([abs(p) for p in chosen] + [min(max(-p.real / abs(p), 1e-4), 0.9) for p in chosen]))
     return starts
+
+
+def _with_another(fit: _Fit, t: Reals, y: Reals) -> list[Reals]:
+    """The modes found so far and one where the periodogram (Lomb, Scargle) of what they leave is highest: it needs no even samples.
+
+    None beside a mode that is there: what is left of that one is no other, but tells that it does not decay as a mode does.
+    """
+    from scipy.signal import lombscargle  # here, too
+
+    left = _table(fit.frequencies, fit.dampings, t) @ fit.coefficients - y
+    lowest = 2.0 * math.pi / float(t[-1])
+    tried = np.arange(lowest, max(COARSE * (len(t) - 1) / float(t[-1]), 2.0 * lowest), 0.25 * lowest)
+    highest = float(tried[int(lombscargle(t, left - left.mean(), tried).argmax())])
+    if np.abs(fit.frequencies - highest).min() < BESIDE * lowest:
+        return []
+    return [np.concatenate([fit.frequencies, [highest], fit.dampings, [SLIGHT]])]
 
 
 def _table(frequencies: Reals, dampings: Reals, t: Reals) -> Reals:

@@ -62,6 +62,21 @@ def test_standard_errors_are_those_of_many_repetitions():
     assert all(11 <= count <= 28 for count in inside.values()), inside
 
 
+def test_a_gap_hides_no_mode():
+    """Even samples of a record with a gap hold a line in place of it, and a realisation of those shows one of these two modes."""
+    t = np.linspace(0.0, 8.0, 1600)
+    y = sum(
+        size * np.exp(-z * w * t) * np.cos(w * math.sqrt(1.0 - z * z) * t + phase)
+        for w, z, size, phase in ((2 * math.pi * 1.3, 0.03, 1.0, 0.4), (2 * math.pi * 4.1, 0.01, 0.3, 1.0))
+    ) + 0.01 * np.random.default_rng(3).normal(size=len(t))
+    kept = np.ones(len(t), dtype=bool)
+    kept[len(t) // 4 : len(t) // 3] = False
+    found = identify_decay(t[kept], y[kept])
+    assert [mode.mode.frequency / (2 * math.pi) for mode in found.modes] == pytest.approx([1.3, 4.1], abs=1e-3)
+    assert [mode.mode.damping for mode in found.modes] == pytest.approx([0.03, 0.01], abs=1e-3)
+    assert found.share < 0.05
+
+
 def test_uneven_samples_and_an_undamped_mode():
     chance = np.random.default_rng(4)
     t = np.sort(chance.uniform(0.0, 6.0, 700))
