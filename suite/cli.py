@@ -378,6 +378,7 @@ def shaper(
     if given is not None and shaped is not None:
         found, content = shaper_references.shaped_file(given, done.shaper, shaped)
         done, further = replace(done, shaped=found), [(shaped, content)]
+    done = replace(done, notes=(*done.notes, *shaper_files.firmware_notes(done, exports)))
     shaper_files.write(done, exports, save, command, certificate, plot, further)
     if as_json:
         print_json(done.to_dict())

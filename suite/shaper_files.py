@@ -13,7 +13,7 @@ from reports.files import json_bytes, write_atomically
 from suite.errors import SuiteError
 from suite.shaping import Shaping
 
-REPRAP = ".g"
+KLIPPER, REPRAP = ".cfg", ".g"
 CURVE, STEPS = 601, 801  # samples of the two charts
 DAMPINGS = 41  # dampings of a range at which the residual is looked at
 
@@ -105,6 +105,24 @@ def exported(done: Shaping, path: Path) -> bytes:
     return EXPORTS[path.suffix](done).encode()
 
 
+def firmware_notes(done: Shaping, exports: Sequence[Path]) -> Iterator[str]:
+    """What firmware is known to refuse of a shaper that is written for it: the file is right, and useless there."""
+    amplitudes, duration = done.shaper.amplitudes, done.shaper.duration
+    for path in exports:
+        refused = []
+        if path.suffix == KLIPPER:
+            if len(amplitudes) > 1 and not 0.001 <= duration <= 0.2:
+                refused.append(f"a duration of 0.001 to 0.2 s; this is one of {duration:.4g} s")
+            if min(map(abs, amplitudes)) < 0.001:
+                refused.append(f"amplitudes of 0.001 and more; the smallest is {min(map(abs, amplitudes)):.3g}")
+            if len(amplitudes) > 16:
+                refused.append(f"up to 16 impulses; these are {len(amplitudes)}")
+        elif path.suffix == REPRAP and len(amplitudes) > 5:
+            refused.append(f"up to 5 impulses; these are {len(amplitudes)}")
+        if refused:
+            yield f"{path}: {'Klipper' if path.suffix == KLIPPER else 'RepRapFirmware'} takes {'; '.join(refused)}"
+
+
 def _klipper(done: Shaping) -> str:
     """Klipper: amplitudes and instants [s] of a custom shaper, for both axes."""
     lines = ["[input_shaper]"]
@@ -115,7 +133,10 @@ def _klipper(done: Shaping) -> str:
 
 
 def _reprapfirmware(done: Shaping) -> str:
-    """RepRapFirmware, 3.6 on: amplitudes but the last, which makes the sum 1, and delays [s] of the later impulses from the first one."""
+    """RepRapFirmware, 3.6 on: amplitudes but the last, which makes the sum 1, and delays [s] of the later impulses from the first one.
+
+    Before 3.6 the same words meant partial sums, and durations: the file says whom it is for.
+    """
     amplitudes = done.shaper.amplitudes
     if len(amplitudes) == 1:
         return 'M593 P"none"\n'
@@ -123,7 +144,7 @@ def _reprapfirmware(done: Shaping) -> str:
         raise SuiteError(
             f"--export …{REPRAP}: RepRapFirmware takes a last impulse that is positive, and this one is {amplitudes[-1]!r}; others take any"
         )
-    return f'M593 P"custom" H{_list(amplitudes[:-1], ":")} T{_list(done.shaper.times[1:], ":")}\n'
+    return f'; RepRapFirmware 3.6 and later\nM593 P"custom" H{_list(amplitudes[:-1], ":")} T{_list(done.shaper.times[1:], ":")}\n'
 
 
 def _header(done: Shaping) -> str:
@@ -147,4 +168,4 @@ def _list(numbers: Sequence[float], between: str) -> str:
     return between.join(f"{number:.17g}" for number in numbers)
 
 
-EXPORTS: dict[str, Callable[[Shaping], str]] = {".cfg": _klipper, REPRAP: _reprapfirmware, ".h": _header}
+EXPORTS: dict[str, Callable[[Shaping], str]] = {KLIPPER: _klipper, REPRAP: _reprapfirmware, ".h": _header}

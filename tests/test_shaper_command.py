@@ -129,7 +129,7 @@ def test_files_for_others_hold_the_same_numbers(tmp_path: Path):
     for axis in "xy":
         assert [float(x) for x in sections[f"shaper_a_{axis}"].split(",")] == found["amplitudes"]
         assert [float(x) for x in sections[f"shaper_t_{axis}"].split(",")] == found["times"]
-    listed = re.fullmatch(r'M593 P"custom" H([\d.:]+) T([\d.:]+)\n', files[1].read_text())
+    listed = re.fullmatch(r'; RepRapFirmware 3.6 and later\nM593 P"custom" H([\d.:]+) T([\d.:]+)\n', files[1].read_text())
     assert listed
     assert [float(x) for x in listed[1].split(":")] == found["amplitudes"][:-1]
     assert [float(x) for x in listed[2].split(":")] == found["times"][1:]

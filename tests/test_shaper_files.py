@@ -72,3 +72,23 @@ def test_a_mode_given_twice_is_one_mode_where_one_solution_is_asked_for(kind: st
 def test_ranges_are_of_the_modes_as_they_were_counted() -> None:
     done = run("ei", "--mode", "1Hz:0", "--mode", "1Hz:0", "--mode", "2.7Hz:0", "--tolerance", "0.2", "--sample-time", "0.1", "--json")
     assert [each["mode"] for each in json.loads(done.stdout)["ranges"]] == [1, 3]
+
+
+@pytest.mark.parametrize(
+    ("kind", "mode", "words"),
+    [
+        ("zvd", "40Hz:0.1", ()),
+        ("zvd", "1Hz:0.05", ("a.cfg: Klipper takes a duration of 0.001 to 0.2 s; this is one of 1.001 s",)),
+        (
+            "zv-d:9",
+            "40Hz:0.1",
+            ("a.cfg: Klipper takes amplitudes of 0.001 and more", "a.g: RepRapFirmware takes up to 5 impulses; these are 11"),
+        ),
+    ],
+)
+def test_what_firmware_refuses_is_told(kind: str, mode: str, words: tuple[str, ...], tmp_path: Path) -> None:
+    done = run(kind, "--mode", mode, "--export", tmp_path / "a.cfg", "--export", tmp_path / "a.g", "--export", tmp_path / "a.h")
+    assert done.exit_code == 0
+    assert all(word in done.stdout for word in words)
+    assert done.stdout.count("note: ") == len(words)
+    assert (tmp_path / "a.cfg").exists()
