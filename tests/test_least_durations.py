@@ -220,3 +220,11 @@ def test_a_mode_that_is_named_twice_asks_for_no_more_than_once():
     turn = make("um-zv", Request((mode, mode)))
     assert turn.least is not None
     assert turn.least.duration <= make("sums-zv", Request((mode,), sums=(-1.0, 2.0))).shaper.duration * (1 + 1e-12)
+
+
+def test_two_impulses_that_serve_two_modes_are_found_on_samples():
+    """Half a second is half a period of 1 Hz and one and a half of 3 Hz: fewer impulses than equations, and the others are rounding."""
+    found = sampled([(Mode(2 * math.pi), 0), (Mode(6 * math.pi), 0)], 0.05)
+    assert found.needed == 10
+    assert found.shaper.times == pytest.approx((0.0, 0.5))
+    assert found.shaper.amplitudes == pytest.approx((0.5, 0.5), abs=1e-15)

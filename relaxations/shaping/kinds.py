@@ -161,11 +161,13 @@ def _derivatives(request: Request, number: int) -> Made:
 
 def _on_samples(found: Sampled, sample_time: float, zeros: Sequence[tuple[Mode, int]]) -> Made:
     """What so many samples take at least, if that is more than any positive shaper takes."""
-    made, proven = compared(found.shaper, zeros), rounded_down(found.needed * exact(repr(sample_time)))
-    if made.least is not None and made.least.duration >= proven:
-        return made
+    proven = rounded_down(found.needed * exact(repr(sample_time)))
     what = f"positive shapers at multiples of {sample_time!r} s with {order_of(zeros)}, which need {found.needed}"
-    return replace(made, least=least_of(proven if found.needed else None, what, [mode for mode, _ in zeros]))
+    least = least_of(proven if found.needed else None, what, [mode for mode, _ in zeros])
+    if least and len(zeros) > 1 and found.needed == round(found.shaper.duration / sample_time):  # no bound of free instants is better
+        return Made(found.shaper, least)
+    made = compared(found.shaper, zeros)
+    return made if made.least is not None and made.least.duration >= proven else replace(made, least=least)
 
 
 def _each_once(request: Request) -> Request:
