@@ -32,10 +32,10 @@ def sums(shaper: Shaper, mode: Mode, power: int) -> float:
 @pytest.mark.parametrize(
     ("kind", "damping", "options", "derivatives", "known"),
     [
-        slow("dl-zvd", 0.93, {"deflection": 0.5}, 1, 50 / 24),  # half damped periods: the shortest without a limit takes 1.92 of them
-        ("dl-zv", 0.99, {"deflection": 0.4}, 0, 1.0),
-        ("zvd", 0.99, {"sample_time": 0.07}, 1, 7.14 / 3.544406025),
-        ("zvd", 0.95, {"sample_time": 0.07}, 1, 3.22 / 1.6012815),
+        slow("dl-zvd", 0.93, {"deflection": 0.5}, 1, 68 / 24),  # the shortest without a limit takes 2.54 s
+        ("dl-zv", 0.99, {"deflection": 0.4}, 0, 93 / 24),  # 3.38 s; 3.54 s would do with partial sums of 1 + 4e-10
+        ("zvd", 0.99, {"sample_time": 0.07}, 1, 7.14),
+        ("zvd", 0.95, {"sample_time": 0.07}, 1, 3.22),
     ],
 )
 def test_what_is_made_with_much_damping_leaves_nothing(
@@ -43,7 +43,7 @@ def test_what_is_made_with_much_damping_leaves_nothing(
 ):
     mode = Mode(TURN, damping)
     found = make(kind, Request((mode,), **options)).shaper  # type: ignore[arg-type]
-    assert found.duration == pytest.approx(known * mode.half_period, rel=1e-6)
+    assert found.duration == pytest.approx(known, rel=1e-9)
     assert max(sums(found, mode, power) for power in range(derivatives + 1)) < 1e-9
 
 
@@ -71,7 +71,6 @@ def test_a_decay_is_no_zero():
     [
         ("si --mode 1Hz:0 --damping 0:0.1 --band 1:1", 0, "frequency × 1 to 1, damping 0 to 0.1: [0.04999999"),
         ("si --mode 1Hz:0.5 --damping 0:0.1", 2, "does not hold the damping of the mode itself (0.5)"),
-        ("ei --mode 1Hz:0.1 --mode 2.7Hz:0.1 --tolerance 1e-6 --simultaneous", 1, "0.001 and more are possible"),
         ("um-zv-d:21 --mode 1Hz:0.1", 2, "up to 20 are possible"),
         ("um-zv-d:6 --mode 1Hz:0 --mode 2Hz:0 --simultaneous", 2, "28 equations at once; up to 24 are possible"),
         ("um-zv --mode 1Hz:0.99 --sample-time 0.01", 1, "tried up to a damping of 0.9878"),
