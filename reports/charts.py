@@ -285,20 +285,19 @@ def costs(name: str, sizes: ArrayLike, curves: Mapping[str, ArrayLike], *, size_
 
 def shaping(
     name: str,
-    factors: ArrayLike,
+    factors: Sequence[float],
     curves: Mapping[str, ArrayLike],
     times: ArrayLike,
     command: ArrayLike,
     responses: Mapping[str, ArrayLike],
     *,
-    band: tuple[float, float],
-    limit: Limit,
+    bands: Sequence[tuple[float, float, Limit]],
     ranges: Mapping[str, tuple[str, ArrayLike, ArrayLike]] = MappingProxyType({}),
 ) -> str:
     """A shaper in two panels: residual vibration [%] against relative frequency, and the shaped unit step with what each mode makes of it.
 
     `factors` (n,) and a curve (n,) a mode; `times` (m,) [s], the shaped step `command` (m,) and a response (m,) a mode. `ranges`, by the
-    curve's name: what it is a range of, and the least and the largest residual (n,) over it.
+    curve's name: what it is a range of, and the least and the largest residual (n,) over it. `bands` are shaded, each with its tolerance.
     """
     with _figure(name, (_WIDTH, 5.6)) as figure:
         above, below = figure.subplots(2, 1)
@@ -310,20 +309,21 @@ def shaping(
                 told, least, most = ranges[label]
                 x, low, high = _arrays(factors=factors, least=least, most=most)
                 above.fill_between(x, low, high, color=colours[number % 3], alpha=0.25, linewidth=0, label=told)
-        above.axhline(limit.value, color=LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=limit.label)
-        above.axvspan(*band, color=FAINT, alpha=0.5, linewidth=0, zorder=0, label=f"band, {band[0]:g} to {band[1]:g}")
+        levels = {limit.value: limit.label for *_, limit in bands}  # one holds everywhere, of several each over its own bands
+        for value, label in levels.items():
+            spans = [band[:2] for band in bands if band[2].value == value] if len(levels) > 1 else [(factors[0], factors[-1])]
+            above.hlines(value, *zip(*spans, strict=True), color=LIMIT, linewidth=1.2, linestyle=(0, (4, 3)), label=label)
+        for low, high in dict.fromkeys(band[:2] for band in bands):
+            above.axvspan(low, high, color=FAINT, alpha=0.5, linewidth=0, zorder=0, label=f"band, {low:g} to {high:g}")
         above.set(xlabel="frequency / modelled frequency", ylabel="residual vibration [%]", ylim=(0.0, None))
         t, u = _arrays(times=times, command=command)
         below.step(t, u, where="post", color=LIMIT, linewidth=1.0, label="shaped step")
         for number, (label, response) in enumerate(responses.items()):
-            y = _arrays(times=times, response=response)[1]
-            below.plot(t, y, color=colours[number % 3], linestyle=styles[number % 4], label=label)
+            below.plot(*_arrays(times=times, response=response), color=colours[number % 3], linestyle=styles[number % 4], label=label)
         below.set(xlabel="time [s]", ylabel="step response")
-        for axes in (above, below):
-            axes.margins(x=0.01)
-        above.legend(
-            loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2
-        )  # beside the curves: they may be anywhere, and so may the tolerance
+        above.margins(x=0.01)
+        below.margins(x=0.01)
+        above.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)  # curves may be anywhere below
         below.legend(loc="best")
         return _svg(figure, name)
 

@@ -37,7 +37,6 @@ def chart(done: Shaping) -> str:
     slowest = max(mode.half_period for mode in modes)
     instants = np.linspace(-0.5 * slowest, shaper.duration + 4.0 * slowest, STEPS)
     labels = [f"{mode.frequency / (2 * math.pi):.4g} Hz, damping {mode.damping:.3g}" for mode in modes]
-    level = max(band.tolerance for band in bands)
     passed = np.maximum(np.subtract.outer(instants, times), 0.0) if order else np.greater_equal.outer(instants, times)
     ranges = {}
     if done.damping is not None and done.damping[0] < done.damping[1]:
@@ -47,16 +46,15 @@ def chart(done: Shaping) -> str:
             ranges[label] = (what, 100.0 * np.min(over, axis=0), 100.0 * np.max(over, axis=0))
     return charts.shaping(
         f"Shaper {done.kind}",
-        factors,
+        factors.tolist(),
         {label: 100.0 * residual(times, amplitudes, factors * mode.frequency, mode.damping, order)
          for label, mode in zip(labels, modes, strict=True)},
         instants,
         passed @ np.array(amplitudes),
         {label: step_response(times, amplitudes, mode.frequency, mode.damping, instants, order)
          for label, mode in zip(labels, modes, strict=True)},
-        band=(low, high),
+        bands=[(band.low, band.high, charts.Limit(100.0 * band.tolerance, f"tolerance, {100.0 * band.tolerance:g} %")) for band in bands],
         ranges=ranges,
-        limit=charts.Limit(100.0 * level, f"tolerance, {100.0 * level:g} %"),
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -92,3 +93,17 @@ def test_what_firmware_refuses_is_told(kind: str, mode: str, words: tuple[str, .
     assert all(word in done.stdout for word in words)
     assert done.stdout.count("note: ") == len(words)
     assert (tmp_path / "a.cfg").exists()
+
+
+@pytest.mark.parametrize(
+    ("bands", "told"),
+    [
+        (("0.9:1.1@0.1", "1.5:2@0.1"), ["tolerance, 10 %", "band, 0.9 to 1.1", "band, 1.5 to 2"]),
+        (("0.9:1.1@0.02", "1.5:2@0.1"), ["tolerance, 2 %", "tolerance, 10 %", "band, 0.9 to 1.1", "band, 1.5 to 2"]),
+    ],
+)
+def test_a_picture_shades_every_band_and_no_gap(bands: tuple[str, str], told: list[str], tmp_path: Path) -> None:
+    words = [word for band in bands for word in ("--band", band)]
+    assert run("zvd", "--mode", "1Hz:0.05", *words, "--plot", tmp_path / "p.svg").exit_code == 0
+    picture = (tmp_path / "p.svg").read_text()
+    assert sorted(re.findall(r"(?:tolerance|band), [^<]*", picture)) == sorted(told)
