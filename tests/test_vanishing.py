@@ -36,6 +36,8 @@ def sums(shaper: Shaper, mode: Mode, power: int) -> float:
         ("dl-zv", 0.99, {"deflection": 0.4}, 0, 93 / 24),  # 3.38 s; 3.54 s would do with partial sums of 1 + 4e-10
         ("zvd", 0.99, {"sample_time": 0.07}, 1, 7.14),
         ("zvd", 0.95, {"sample_time": 0.07}, 1, 3.22),
+        ("um-zv", 0.99, {"sample_time": 0.05}, 0, 3.45),  # 3.385 s with free instants
+        ("um-zvd", 0.99, {"sample_time": 0.05}, 1, 6.95),  # 6.922 s
     ],
 )
 def test_what_is_made_with_much_damping_leaves_nothing(
@@ -73,7 +75,7 @@ def test_a_decay_is_no_zero():
         ("si --mode 1Hz:0.5 --damping 0:0.1", 2, "does not hold the damping of the mode itself (0.5)"),
         ("um-zv-d:21 --mode 1Hz:0.1", 2, "up to 20 are possible"),
         ("um-zv-d:6 --mode 1Hz:0 --mode 2Hz:0 --simultaneous", 2, "28 equations at once; up to 24 are possible"),
-        ("um-zv --mode 1Hz:0.99 --sample-time 0.01", 1, "tried up to a damping of 0.9878"),
+        ("um-zv --mode 1Hz:0.99 --mode 3Hz:0.95 --sample-time 0.1", 1, "tried up to a damping of 0.9878"),
         ("pulses-zv --mode 1Hz:0.99 --height 3 --sample-time 0.1", 1, "tried up to a damping of 0.9812"),
         ("pulses-zv-d:20 --mode 1Hz:0.05 --height 3", 2, "up to 24 are possible"),
         ("si --mode 1Hz:0.05 --band 0.1:10", 1, "by a factor of up to 12 are possible"),

@@ -9,11 +9,10 @@ form of its own (relaxations.shaping.decayed).
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
-from scipy.optimize import linprog
+from fractions import Fraction
 
 from relaxations.bounds import Bound
 from relaxations.commands import Command
@@ -24,8 +23,10 @@ from relaxations.proofs import minimum_time
 from relaxations.shaping.at_once import decaying, dips_at_once
 from relaxations.shaping.commanded import plant_of, shaper_of
 from relaxations.shaping.decayed import DECAYED, decayed, least_up_to_one
+from relaxations.shaping.fewest import fewest
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.sampled import require_fine
+from relaxations.shaping.sampled_sums import amplitudes_within, on_samples
 from relaxations.shaping.shapers import Shaper
 from relaxations.shaping.switched import MOST, PROGRAMMED, switched
 from relaxations.shaping.vanishing import VANISHED, left, possible, require_told
@@ -37,8 +38,7 @@ WELL_TOLD = 4.0  # of folds of decay: up to so many programs come first
 NEAR = 1e-6  # relative: so near its lower bound a sequence is the shortest
 MOST_SAMPLES = 1000
 MOST_FOLDS = 20.0  # of decay while the impulses last: programs in doubles tell that much
-NEARLY = 1e-9  # of levels: so close to a bound, or to each other, they are the same
-CLOSED = 1e-10  # of the largest term of what vanishes
+LONGER = 1.25  # times as many samples are tried next
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +113,21 @@ def bounded_on_samples(modes: Sequence[Mode], lower: Exact, upper: Exact, deriva
             f"a sample time of {sample_time!r} s puts some {longest / sample_time:.4g} samples into the shaper; up to {MOST_SAMPLES} are "
             f"searched, so from {longest / MOST_SAMPLES:.4g} s on; without a sample time the instants are free"
         )
-    command, bound = _fastest(modes, lower, upper, derivatives, sample_time)
+    sums = float(lower), float(upper)
+    try:
+        command, bound = _fastest(modes, lower, upper, derivatives, sample_time)
+    except SolverError:
+        # With more damping it is looked for on one number of samples after the other; what is proven is the bound of free instants.
+        proven = bounded(modes, lower, upper, derivatives).lower or 0.0
+        needed = max(math.ceil(Fraction(proven) / exact(repr(sample_time))), 1)
+        found = fewest(lambda k: amplitudes_within(modes, sums, derivatives, sample_time, k), needed, MOST_SAMPLES, LONGER, needed - 1)
+        if found is None:
+            raise
+        return on_samples(found[1], sample_time), needed if proven else 0
     shaper, samples = shaper_of(command), round(command.maneuver_time / sample_time)
     least = BoundedShaper(shaper, bound).lower
-    few = _fewest(modes, (float(lower), float(upper)), derivatives, sample_time, samples)
-    return few or shaper, 0 if least is None else round(least / sample_time)
+    few = amplitudes_within(modes, sums, derivatives, sample_time, samples)
+    return shaper if few is None else on_samples(few, sample_time), 0 if least is None else round(least / sample_time)
 
 
 def _require(modes: Sequence[Mode], lower: Exact, upper: Exact) -> None:
@@ -141,44 +151,3 @@ def _fastest(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int
     if found.command is None:
         raise SolverError(f"no sequence with partial sums in [{lower}, {upper}] was found: {possible(modes)}")
     return found.command, found
-
-
-def _fewest(modes: Sequence[Mode], bounds: tuple[float, float], derivatives: int, step: float, samples: int) -> Shaper | None:
-    """Amplitudes at instants 0 to `samples` of the least `Σ |A|`; None if they are not within the bounds, or do not close to rounding."""
-    instants = step * np.arange(samples + 1.0)
-    rows = []
-    for mode in modes:
-        for power in range(derivatives + 1):
-            z = (instants / instants[-1]) ** power * np.exp(mode.frequency * mode.direction * (instants - instants[-1]))
-            rows += [z.real, z.imag]
-    table, sums = np.array(rows), np.tri(samples, samples + 1)
-    equal = np.vstack([np.ones(samples + 1), table])
-    within = np.vstack([sums, -sums])
-    found = linprog(
-        np.ones(2 * (samples + 1)),
-        A_ub=np.hstack([within, -within]),
-        b_ub=np.concatenate([np.full(samples, bounds[1]), np.full(samples, -bounds[0])]),
-        A_eq=np.hstack([equal, -equal]),
-        b_eq=np.eye(len(equal))[0],
-        bounds=(0.0, None),
-        method="highs",
-        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
-    )
-    if found.status != 0:
-        return None
-    levels = np.cumsum(found.x[: samples + 1] - found.x[samples + 1 :])[:-1]
-    for bound in bounds:
-        levels[np.abs(levels - bound) <= NEARLY] = bound
-    begins = np.flatnonzero(np.abs(np.diff(levels, prepend=np.inf)) > NEARLY)
-    held = levels[begins]
-    # Once more, to rounding, with what is between the bounds: a level of so many samples that follow each other is one unknown.
-    moved = np.add.reduceat(table[:, :-1] - table[:, 1:], begins, axis=1)
-    free = ~np.isin(held, bounds)
-    if free.any():
-        held[free] -= np.linalg.lstsq(moved[:, free], moved @ held + table[:, -1], rcond=None)[0]
-    jumps = np.diff(held, prepend=0.0, append=1.0)
-    kept = np.flatnonzero(jumps)
-    places = np.append(begins, samples)[kept]
-    shaper = Shaper(tuple(float((place - places[0]) * step) for place in places), tuple(map(float, jumps[kept])))
-    proper = held.min() >= bounds[0] and held.max() <= bounds[1]
-    return shaper if proper and all(left(shaper, mode, derivatives) <= CLOSED for mode in modes) else None

@@ -22,20 +22,19 @@ from relaxations.checking.deflections import Deflection, largest_deflection
 from relaxations.checking.sampled_deflections import Asked, Left, Strayed, none_on_samples
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.plants import exact
+from relaxations.shaping.fewest import fewest
 from relaxations.shaping.modes import Mode
+from relaxations.shaping.sampled_sums import amplitudes_within, on_samples
 from relaxations.shaping.sensitivity import step_response
 from relaxations.shaping.shapers import Shaper
-from relaxations.shaping.vanishing import fastest_decay
 
 Reals = NDArray[np.float64]
 
 PER_HALF_PERIOD = 24  # samples of the fastest mode's half period, unless a sample time is given
 INSIDE = 2e-3  # of the limit: how much closer it is kept on the instants, for what lies between them
-FEASIBLE = 1e-9
 MOST_SAMPLES = 600
 LONGER = 1.25  # times as many samples are tried next
-ZERO = 1e-9  # an amplitude that is none, in the units that grow as the modes decay
-ON_BOUND = 1e-7  # of a partial sum: so near a bound it is on it
+ZERO = 1e-9  # of a multiplier that is none
 NO_EXCESS = 1e-7  # of equations of order one: with less nothing is refuted
 LESS = (1, 2, 3, 5, 8, 13)  # samples fewer than found that are tried to be refuted
 
@@ -74,8 +73,8 @@ def deflection_limited(
             "a quarter of the fastest mode's damped period"
         )
     slowest = max(mode.half_period for mode in modes)
-    fewest = max(math.ceil(slowest / step / 4.0), 2)
-    if 2 * fewest > MOST_SAMPLES:
+    least = max(math.ceil(slowest / step / 4.0), 2)
+    if 2 * least > MOST_SAMPLES:
         raise ShaperError(
             f"samples of {step:.4g} s are {slowest / step:.4g} in half a period of the slowest mode; at most {MOST_SAMPLES} in all are "
             f"searched, so a sample time from {slowest / MOST_SAMPLES:.4g} s on"
@@ -86,28 +85,13 @@ def deflection_limited(
             f"a deflection of {limit!r} takes {1.0 / (2.0 * limit):.4g} impulses at least, for none may be larger than twice the limit; "
             f"up to {MOST_SAMPLES} are searched, so limits from {1.0 / (2.0 * MOST_SAMPLES):.2g} on are possible"
         )
-    low, high, found = fewest, 2 * fewest, None
-    while found is None:
-        found = _amplitudes(modes, limit, sums, derivatives, step, high)
-        if found is None:
-            # Not by much: in far more samples than it takes a damped mode has decayed beyond what programs tell from nothing.
-            low, high = high, math.ceil(LONGER * high)
-            if low >= MOST_SAMPLES:
-                raise SolverError(
-                    f"no shaper was found on up to {MOST_SAMPLES} samples of {step:.6g} s for a deflection of {limit!r}; a longer sample "
-                    "time or a larger limit needs fewer, and with much damping fewer derivatives may be possible"
-                )
-            high = min(high, MOST_SAMPLES)
-    while high - low > 1:
-        middle = (low + high) // 2
-        better = _amplitudes(modes, limit, sums, derivatives, step, middle)
-        if better is None:
-            low = middle
-        else:
-            high, found = middle, better
-    kept = np.flatnonzero(found)
-    first = kept[0]
-    shaper = Shaper(tuple(float((k - first) * step) for k in kept), tuple(float(found[k]) for k in kept))
+    found = fewest(lambda samples: _kept(modes, limit, sums, derivatives, step, samples), 2 * least, MOST_SAMPLES, LONGER, least)
+    if found is None:
+        raise SolverError(
+            f"no shaper was found on up to {MOST_SAMPLES} samples of {step:.6g} s for a deflection of {limit!r}; a longer sample "
+            "time or a larger limit needs fewer, and with much damping fewer derivatives may be possible"
+        )
+    high, shaper = found
     fewer = (high - less for less in LESS if high - less >= 1)
     needed = next((count + 1 for count in fewer if _refuted(modes, limit, sums, derivatives, step, count)), 0)
     return Limited(shaper, step, needed)
@@ -118,69 +102,17 @@ def _scale(mode: Mode) -> float:
     return min(mode.half_period, 2.0 * math.pi / mode.frequency)
 
 
-def _amplitudes(
-    modes: Sequence[Mode], limit: float, sums: tuple[float, float], derivatives: int, step: float, samples: int
-) -> Reals | None:
-    """Amplitudes at instants 0 to `samples`, None if there are none within the limits."""
-    count, instants = samples + 1, step * np.arange(samples + 1)
-    since = instants - instants[-1]
-    decay = fastest_decay(modes)
-    units = np.exp(-decay * instants)  # of amplitude: no equation is lost in the decay of its mode
-    rows = [units]
-    for mode in modes:
-        for power in range(derivatives + 1):
-            z = (since / instants[-1]) ** power * np.exp((mode.frequency * mode.direction - decay) * instants)
-            rows += [z.real, z.imag]
-    equal, aim = np.array(rows), np.eye(len(rows))[0]
-    after, before = np.tri(count), np.tri(count, k=-1)
+def _kept(modes: Sequence[Mode], limit: float, sums: tuple[float, float], derivatives: int, step: float, samples: int) -> Shaper | None:
+    """On so many samples, None if there is none; the limit is proven to hold between the instants too."""
+    instants = step * np.arange(samples + 1)
+    after, before = np.tri(samples + 1), np.tri(samples + 1, k=-1)
     moved = [np.array([step_response([t], [1.0], m.frequency, m.damping, instants) for t in instants]).T for m in modes]
-    strays = np.vstack([y - u for y in moved for u in (after, before)]) * units
-    # How far partial sums are from the last one, 1, in units of the impulse that comes next: dips from 1 fall with the modes' decay.
-    following = np.triu(units / np.append(units[1:], units[-1])[:, None], k=1)[:-1]
-    above = np.vstack([strays, -strays, -following, following])
-    bounds = np.concatenate([np.full(2 * len(strays), limit * (1.0 - INSIDE)), (sums[1] - 1.0) / units[1:], (1.0 - sums[0]) / units[1:]])
-    tolerances = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
-    # The least sum of sizes: few impulses, and no more motion than is needed.
-    split = linprog(
-        np.concatenate([units, units]),
-        A_ub=np.hstack([above, -above]),
-        b_ub=bounds + FEASIBLE,
-        A_eq=np.hstack([equal, -equal]),
-        b_eq=aim,
-        bounds=(0.0, None),
-        method="highs-ipm",  # its simplex methods take minutes where samples are too few
-        options=tolerances,
-    )
-    if split.status != 0:
+    strays = np.vstack([y - u for y in moved for u in (after, before)])
+    amplitudes = amplitudes_within(modes, sums, derivatives, step, samples, (strays, limit * (1.0 - INSIDE)))
+    if amplitudes is None:
         return None
-    amplitudes = _exact(split.x[:count] - split.x[count:], equal, units, sums)
-    return amplitudes if amplitudes is not None and _within(amplitudes, modes, limit, step) else None
-
-
-def _exact(found: Reals, equal: Reals, units: Reals, sums: tuple[float, float]) -> Reals | None:
-    """The program's amplitudes (`found` in `units`) with the equations met to rounding, and the bounds that partial sums meet exactly."""
-    begins = np.flatnonzero(np.abs(found) > ZERO)
-    if len(begins) < 2:
-        return None
-    own = units[begins]
-    # Of each but the last partial sum: how far below 1 it is, in units of the impulse that ends it.
-    depths = np.cumsum((found[begins] * own)[::-1])[::-1][1:] / own[1:]
-    low, high = ((1.0 - bound) / own[1:] for bound in sums)
-    on_low, on_high = np.abs(depths - low) <= ON_BOUND / own[1:], np.abs(depths - high) <= ON_BOUND
-    depths = np.where(on_high, high, np.where(on_low, low, depths))
-    # An impulse ends one level and begins the next: d_{k-1} - d_k, and the first one 1 - d_0.
-    ends = np.vstack([np.zeros(len(depths)), np.eye(len(depths))]) - np.vstack([np.diag(own[1:] / own[:-1]), np.zeros(len(depths))])
-    start = np.eye(len(begins))[0] / own[0]
-    free = ~on_low & ~on_high
-    conditions = equal[1:, begins]
-    jumps = start + ends @ depths
-    depths[free] += np.linalg.lstsq(conditions @ ends[:, free], -conditions @ jumps, rcond=None)[0]
-    jumps = start + ends @ depths
-    if np.abs(conditions @ jumps).max() > 1e-12 * max(1.0, float(np.abs(jumps).max())):
-        return None
-    amplitudes = np.zeros(len(units))
-    amplitudes[begins] = jumps * own
-    return amplitudes
+    shaper = on_samples(amplitudes, step)
+    return shaper if all(deflection(shaper, mode).upper <= limit for mode in modes) else None
 
 
 def _refuted(modes: Sequence[Mode], limit: float, sums: tuple[float, float], derivatives: int, step: float, samples: int) -> bool:
@@ -228,10 +160,3 @@ def _refuted(modes: Sequence[Mode], limit: float, sums: tuple[float, float], der
     bounds = exact(repr(sums[0])), exact(repr(sums[1]))
     asked = Asked(exactly, derivatives, exact(repr(step)), samples, exact(repr(limit)), bounds)
     return none_on_samples(asked, left, strayed)
-
-
-def _within(amplitudes: Reals, modes: Sequence[Mode], limit: float, step: float) -> bool:
-    """Whether the limit is proven to hold between the instants too."""
-    kept = np.flatnonzero(amplitudes)
-    shaper = Shaper(tuple(float((k - kept[0]) * step) for k in kept), tuple(map(float, amplitudes[kept])))
-    return all(deflection(shaper, mode).upper <= limit for mode in modes)

@@ -9,7 +9,7 @@ sample less make a function that refutes it on the samples (relaxations.checking
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
@@ -21,6 +21,7 @@ from relaxations.checking.durations import none_on_samples, none_within_sums_on_
 from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import exact
 from relaxations.shaping.bands import Band, exceeded
+from relaxations.shaping.fewest import fewest
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.polishing import Demand, rows, vanishing
 from relaxations.shaping.sampled import require_fine, sampled
@@ -51,7 +52,10 @@ def within_sums_on_samples(bands: Sequence[Band], lower: float, upper: float, sa
         excess, levels, _ = search.solved(samples * sample_time, samples)
         return _of_levels(levels, bands, (lower, upper), sample_time) if excess < -2.0 * MISSED * min(b.tolerance for b in bands) else None
 
-    shaper, samples = _fewest(one, most, lambda: "no sequence within these bounds was found that keeps every band; um-zv is possible")
+    found = fewest(one, 2, most, LONGER)
+    if found is None:
+        raise SolverError("no sequence within these bounds was found that keeps every band; um-zv is possible")
+    samples, shaper = found
     _, _, multipliers = search.solved((samples - 1) * sample_time, samples - 1) if samples > 1 else (0.0, np.zeros(0), np.zeros(0))
     refuted = samples <= 1 or none_within_sums_on_samples(
         exact(repr(sample_time)), samples - 1, search.conditions(multipliers), Fraction(lower), Fraction(upper)
@@ -68,9 +72,10 @@ def negative_on_samples(modes: Sequence[Mode], negative: float, sample_time: flo
     _most(sum(mode.half_period for mode in modes), sample_time)
     positive = sampled([(mode, 0) for mode in modes], sample_time).shaper
     most = round(positive.duration / sample_time)
-    shaper, samples = _fewest(
-        lambda count: positive if count == most else _vanishing(modes, negative, sample_time, count), most, lambda: possible(modes)
-    )
+    found = fewest(lambda count: positive if count == most else _vanishing(modes, negative, sample_time, count), 2, most, LONGER)
+    if found is None:
+        raise SolverError(possible(modes))
+    samples, shaper = found
     return shaper, samples if _refuted(modes, negative, sample_time, samples - 1) else 0
 
 
@@ -81,26 +86,6 @@ def _most(longest: float, sample_time: float) -> int:
             f"searched, so from {longest / MOST_SAMPLES:.4g} s on; without a sample time the instants are free"
         )
     return math.ceil(longest / sample_time)
-
-
-def _fewest(one: Callable[[int], Shaper | None], most: int, trouble: Callable[[], str]) -> tuple[Shaper, int]:
-    """The shaper on the least number of samples that has one, up to `most`."""
-    low, high, found = 0, 1, None
-    while found is None:
-        high = min(max(high + 1, math.ceil(LONGER * high)), most)
-        found = one(high)
-        if found is None:
-            if high == most:
-                raise SolverError(trouble())
-            low = high
-    while high - low > 1:
-        middle = (low + high) // 2
-        better = one(middle)
-        if better is None:
-            low = middle
-        else:
-            high, found = middle, better
-    return found, high
 
 
 def _of_levels(levels: Reals, bands: Sequence[Band], bounds: tuple[float, float], sample_time: float) -> Shaper | None:

@@ -19,6 +19,7 @@ from relaxations import programs
 from relaxations.checking.durations import none_on_samples
 from relaxations.errors import ImpossibleShaperError, ShaperError, SolverError
 from relaxations.plants import exact
+from relaxations.shaping.fewest import fewest
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.polishing import Demand, rows, vanishing
 from relaxations.shaping.shapers import Shaper
@@ -29,7 +30,7 @@ Reals = NDArray[np.float64]
 NOTHING = 1e-12  # of what all impulses would leave together: equations of order one, solved to rounding
 FAINT = (0.0, 1e-9)  # of the largest: with fewer impulses than equations (1 and 3 Hz in half a second) the others are rounding
 MOST_SAMPLES = 4096
-LONGER = 1.5  # times as many samples are tried next: in far more a damped mode decays beyond what can be told from nothing
+LONGER = 1.5  # times as many samples are tried next
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,24 +66,13 @@ def few(zeros: Sequence[tuple[Mode, int]], sample_time: float) -> tuple[Shaper, 
             f"a sample time of {sample_time!r} s puts some {slowest / sample_time:.4g} samples into the shaper; at most {MOST_SAMPLES} are "
             f"searched, so from {slowest / MOST_SAMPLES:.4g} s on; without a sample time the instants are free"
         )
-    low, found = 0, _weights(zeros, sample_time, high)
-    while found is None:
-        low, high = high, math.ceil(LONGER * high)
-        if high > MOST_SAMPLES:
-            raise SolverError(
-                f"no shaper was found on up to {MOST_SAMPLES} samples of {sample_time!r} s: {possible([m for m, _ in zeros])}"
-            )
-        found = _weights(zeros, sample_time, high)
-    while high - low > 1:
-        middle = (low + high) // 2
-        better = _weights(zeros, sample_time, middle)
-        if better is None:
-            low = middle
-        else:
-            high, found = middle, better
+    least = fewest(lambda samples: _weights(zeros, sample_time, samples), high, MOST_SAMPLES, LONGER)
+    if least is None:
+        raise SolverError(f"no shaper was found on up to {MOST_SAMPLES} samples of {sample_time!r} s: {possible([m for m, _ in zeros])}")
+    samples, found = least
     kept = np.flatnonzero(found)
     kept = kept - kept[0]
-    return Shaper(tuple(float(k * sample_time) for k in kept), tuple(float(a) for a in found[found > 0.0])), low
+    return Shaper(tuple(float(k * sample_time) for k in kept), tuple(float(a) for a in found[found > 0.0])), samples - 1
 
 
 def require_fine(modes: Sequence[Mode], sample_time: float) -> None:
