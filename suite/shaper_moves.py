@@ -71,8 +71,12 @@ def moved(kind: str, request: Request, shaper: Shaper, move: Move, damping: tupl
     bands = [band for _, band in request.reaches()]
     alone = rigid(move)
     if alone.command is None:
-        kind_of = ImpossibleShaperError if alone.status is Status.IMPOSSIBLE else ShaperError
-        raise kind_of(f"no such move was found: {alone.reason or alone.status.value}")
+        if alone.status is not Status.IMPOSSIBLE:
+            raise ShaperError(f"no such move was found: {alone.reason or alone.status.value}")
+        needed = "limits below and above 0" if move.order == 2 else f"a limit {'above' if move.displacement > 0.0 else 'below'} 0"
+        raise ImpossibleShaperError(
+            f"no input from {move.lower:g} to {move.upper:g} moves the body by {move.displacement:g} and stops it; {needed} would"
+        )
     kept: float | tuple[float, ...] | None = None
     box: tuple[Band, ...] = ()
     if found.zeros is not None:

@@ -147,7 +147,11 @@ def design(asked: Asked, further: Sequence[str] = ()) -> Shaping:
     """
     request, damping, measured, move = _request(asked, further)
     done = replace(assess(asked.kind, request, damping), decay=measured)
-    return done if move is None else replace(done, move=moved(asked.kind, request, done.shaper, move, damping))
+    if move is None:
+        return done
+    of_its_own = [name for name, value in (("--sample-time", request.sample_time), ("--pulse", request.pulse)) if value is not None]
+    notes = (*done.notes, *(f"{name} is of the shaper: the move designed together with it switches at any instant" for name in of_its_own))
+    return replace(done, move=moved(asked.kind, request, done.shaper, move, damping), notes=notes)
 
 
 def _move(asked: Asked) -> Move | None:

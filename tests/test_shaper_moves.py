@@ -207,6 +207,12 @@ def test_the_command_line_designs_a_move_and_writes_its_command_and_proof(tmp_pa
     assert "then shaped: 1.4484" in told
 
 
+def test_what_is_the_shapers_alone_is_said():
+    words = ("zv", "--mode", "1Hz:0.05", "--move", "0.1", "--input", "-2:2")
+    assert "note: --sample-time is of the shaper" in run(*words, "--sample-time", "0.05").stdout
+    assert "note" not in run(*words).stdout
+
+
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [
@@ -214,7 +220,8 @@ def test_the_command_line_designs_a_move_and_writes_its_command_and_proof(tmp_pa
         (["zvd", "--input", "-2:2"], 2, "--move"),
         (["zvd", "--move", "0.1", "--input", "1:2"], 2, "hold 0"),
         (["zvd", "--move", "0.1", "--input", "x"], 2, "LOW:HIGH"),
-        (["zv", "--move", "0.1", "--input", "0:2"], 1, "no such move"),
+        (["zv", "--move", "0.1", "--input", "0:2"], 1, "limits below and above 0 would"),
+        (["zv", "--move", "-0.1", "--input", "0:2", "--order", "1"], 1, "a limit below 0 would"),
         (["none", "--move", "0.1", "--input", "-1:2"], 2, "by no demands"),
         (["zv", "--command", "move.json"], 2, "move.json"),
     ],
