@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from marks import slow
 
-from relaxations.checking.durations import Condition, none_of_sums_up_to_one
+from relaxations.checking.durations import Condition, none_of_dips, none_of_sums_up_to_one
+from relaxations.shaping.bounded import bounded
 from relaxations.shaping.humps import extra_insensitive, unity_magnitude
 from relaxations.shaping.impulses import derivative_shaper
 from relaxations.shaping.kinds import make
@@ -61,6 +62,29 @@ def test_no_weights_refute_partial_sums_up_to_1_that_exist():
     ]
     assert told, "a shorter one is refuted by some"
     assert not none_of_sums_up_to_one(Fraction(0), [Condition(*exact, Fraction(0), 0, (Fraction(1), Fraction(0)))])
+
+
+def test_no_weights_refute_dips_that_exist():
+    """1, -1, 1 of the mode takes 0.98270 s, and a dip to -1 less; weights of all directions and sizes refute neither."""
+    mode = Mode(W, 0.9)
+    exact = Fraction(mode.frequency), Fraction(mode.damping)
+
+    def refuted(duration: float, angle: float, lower: int) -> bool:
+        weight = Fraction(math.cos(angle)), Fraction(math.sin(angle))
+        return none_of_dips(Fraction(duration), [Condition(*exact, Fraction(0), 0, weight)], Fraction(lower))
+
+    for lower in (0, -1):
+        needed = bounded([mode], lower, 1).shaper.duration
+        angles = np.linspace(0.0, 2 * np.pi, 41)
+        assert not any(refuted(needed * (1 + 1e-9), angle, lower) for angle in angles)
+        told = [angle for angle in angles if refuted(needed * 0.97, angle, lower)]
+        assert told, "a shorter one is refuted by some"
+        assert not refuted(needed * 0.97, told[0] + np.pi, lower)
+        assert not refuted(needed * 0.97, told[0], 1), "sums do not end at 1 between such bounds"
+        assert not refuted(0.0, told[0], lower)
+    angle = next(angle for angle in angles if refuted(0.95, angle, 0))
+    weight = Fraction(math.cos(angle)), Fraction(math.sin(angle))
+    assert not none_of_dips(Fraction(95, 100), [Condition(*exact, Fraction(1), 0, weight)], Fraction(0)), "all of it may be left"
 
 
 @pytest.mark.parametrize(("frequencies", "damping"), [((1.0, 1.7, 2.9), 0.05), ((1.0, 2.7), 0.9)])

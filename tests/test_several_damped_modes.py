@@ -98,6 +98,25 @@ def test_more_impulses_than_equations_by_two() -> None:
     assert shaper.duration * (1.0 - 2e-6) < lower < shaper.duration  # the margin that is tried first is 1e-6
 
 
+def test_more_dips_than_zeros_are_told_by_what_is_0_at_their_edges() -> None:
+    """Five dips of two double zeros; the duration is the one that programs on a grid find, with its certificate."""
+    modes = modes_of((1.0, 0.9), (2.7, 0.5))
+    shaper, lower = dips_at_once(modes, Fraction(0), 1)
+    assert shaper.amplitudes == (1.0, *[-1.0, 1.0] * 5)
+    assert shaper.duration == pytest.approx(2.2721556501142895, rel=1e-14)
+    assert max(left(shaper, mode, power) for mode in modes for power in (0, 1)) < ROUNDED
+    assert lower is not None
+    assert shaper.duration * (1.0 - 1e-12) < lower <= shaper.duration * (1.0 + 1e-15)
+
+
+def test_deeper_dips_are_shorter_and_refuted_as_such() -> None:
+    modes = modes_of((1.0, 0.9), (2.7, 0.1))
+    durations = [dips_at_once(modes, Fraction(lower), 0)[0].duration for lower in (0, -1)]
+    leasts = [dips_at_once(modes, Fraction(lower), 0)[1] for lower in (0, -1)]
+    assert durations[1] < durations[0]
+    assert leasts == pytest.approx(durations, rel=1e-12)
+
+
 def test_the_same_as_cone_programs_where_these_tell() -> None:
     zeros = [(mode, 0) for mode in modes_of((1.0, 0.3), (2.7, 0.4))]
     shaper, _ = positive_at_once(zeros)

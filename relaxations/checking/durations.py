@@ -241,22 +241,49 @@ def none_of_pulses(
         room = _arb(level) - function.offset
         if not room > 0:
             return False
-        below = _below(_arb(duration), function, room, (room / _arb(height)).lower() * RELATIVE)
-        return below is not None and bool(_arb(height) * below < room)
+        return _is_below(_arb(duration), function, function.integral, room, room / _arb(height))
     finally:
         flint.ctx.prec = before
 
 
-def _below(duration: arb, function: _Function, room: arb, enough: arb) -> arb | None:
-    """An upper bound of `∫ max(room - q, 0)` on [-duration, 0], q the function; cells whose sign is not told add up to `enough` each."""
+def none_of_dips(duration: Fraction, conditions: Sequence[Condition], lower: Fraction, bits: int = BITS) -> bool:
+    """Whether it is proven that no sequence of partial sums in [lower, 1], of at most `duration` [s], meets the conditions.
+
+    Partial sums S = 1 - x make `Σ A_k p(t_k) = p(0) + ∫ x p' ≥ p(0) - (1 - l) ∫ max(-p', 0)`, which contradicts them where it is more
+    than `Σ |y_i| V_i`. A shorter sequence is one that stays at 1 until T.
+    """
+    before, flint.ctx.prec = flint.ctx.prec, max(bits, BITS)
+    try:
+        if not (_sound(conditions) and duration > 0 and lower <= 0):
+            return False
+        function, whole, depth = _Function(conditions), _arb(duration), 1 - _arb(lower)
+        first = function(-whole, (0,))[0]
+        if not first > 0:
+            return False
+        return _is_below(
+            whole,
+            lambda s, orders: function(s, [order + 1 for order in orders]),
+            lambda s: function(s, (0,))[0],
+            arb(0),
+            first / depth,
+        )
+    finally:
+        flint.ctx.prec = before
+
+
+def _is_below(
+    duration: arb, function: Callable[[arb, Sequence[int]], list[arb]], integral: Callable[[arb], arb], room: arb, limit: arb
+) -> bool:
+    """Whether `∫ max(room - q, 0)` on [-duration, 0] is below `limit`, q the function: cells of untold sign count for their most."""
+    enough = limit.lower() * RELATIVE
     total, width = arb(0), duration / FIRST_CELLS
     waiting = [(-duration + k * width, -duration + (k + 1) * width) for k in range(FIRST_CELLS)]
     count = 0
-    while waiting:
+    while waiting and total < limit:
         low, high = waiting.pop()
         count += 1
         if count > MOST_CELLS:
-            return None
+            return False
         middle, half = ((low + high) / 2).mid(), ((high - low) / 2).upper()
         value, slope, bend = function(middle, (0, 1, 2))
         third = abs(function(low.union(high), (3,))[0]).upper() * half
@@ -264,14 +291,14 @@ def _below(duration: arb, function: _Function, room: arb, enough: arb) -> arb | 
             continue
         least_missing = _least(room - value, -slope, -bend - third, half)
         if least_missing > 0:
-            total += room * (high - low) - (function.integral(high) - function.integral(low))
+            total += room * (high - low) - (integral(high) - integral(low))
             continue
         most = 2 * half * (room - _least(value, slope, bend - third, half)).upper()
         if most < enough:
             total += most.max(arb(0))
         else:
             waiting += [(low, middle), (middle, high)]
-    return total
+    return bool(total < limit)
 
 
 def _rises(duration: arb, function: _Function) -> arb | None:

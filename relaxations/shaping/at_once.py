@@ -27,7 +27,7 @@ from relaxations.shaping.depths import widened
 from relaxations.shaping.dips import Dip, drawn_apart, too_close
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.shapers import Shaper
-from relaxations.shaping.touching import least_of_positive, least_up_to_one_of
+from relaxations.shaping.touching import least_of_dips, least_of_positive, least_up_to_one_of
 
 LEAST_DECAY = 1e-32  # of a mode while the sequence lasts: with less the digits of certificates do not tell its switches
 NEARLY, HALVINGS = 2.0, 60  # decimal digits by which amplitudes may differ from it; of a factor of the dampings
@@ -80,7 +80,8 @@ def dips_at_once(modes: Sequence[Mode], lower: Fraction, derivatives: int) -> tu
     require_doubles(zeros)
     found = shortest(zeros, dips=True)
     depth = 1 - lower
-    with precision(bits_of(zeros)):
+    folds = max(mode.damping * mode.frequency for mode in modes) * float(found.instants[-1])
+    with precision(bits_of(zeros) + math.ceil(2.0 * folds / math.log(2.0))):  # widths are told from nothing
         dips = widened(zeros, found.instants, found.sizes, depth)
         if too_close(dips):
             shaper = drawn_apart(zeros, dips, rational(depth))
@@ -88,9 +89,11 @@ def dips_at_once(modes: Sequence[Mode], lower: Fraction, derivatives: int) -> tu
             edges = [edge for dip in dips for edge in dip]
             sizes = [-1.0 if k % 2 == 0 else 1.0 for k in range(len(edges))]
             shaper = Shaper((0.0, *map(float, edges)), (1.0, *(float(depth) * size for size in sizes)))
+        if (exactly := least_of_dips(modes, dips, derivatives, lower)) is not None:
+            return shaper, exactly
         proven = [least_up_to_one_of(modes, dips, derivatives)]
         fastest = max(mode.damping * mode.frequency for mode in modes)
-        if len(dips) == len(zeros) * (derivatives + 1) and math.exp(-fastest * shaper.duration) > LEAST_DECAY:
+        if math.exp(-fastest * shaper.duration) > LEAST_DECAY:
             with suppress(SolverError):
                 bound = _extremal(modes, lower, derivatives, dips)
                 proven.append(bound.lower if bound.certificate is not None else None)

@@ -20,7 +20,7 @@ from math import comb, perm
 import flint
 from flint import acb, arb, arb_mat
 
-from relaxations.checking.durations import Condition, none_as_short, none_of_sums_up_to_one
+from relaxations.checking.durations import Condition, none_as_short, none_of_dips, none_of_sums_up_to_one
 from relaxations.errors import SolverError
 from relaxations.plants import precision
 from relaxations.shaping.modes import Mode
@@ -33,6 +33,7 @@ BELOW = (4.0, 64.0)  # times ε, for each impulse: how much shorter is tried
 BITS = 192
 MOST_FOLDS = 2000.0  # of decay: more cells than a proof takes
 SHORTER = (1e-6, 1e-5, 1e-4, 1e-3)  # relative: how much shorter is tried where there are more impulses
+CLOSELY = (4e-16, 1e-13, 1e-10, 1e-8)  # of edges in as many digits as it takes
 COARSE, PER_TURN = 60, 16  # instants at which f is looked at, and for each damped period of the fastest mode
 CLOSEST, GROWING, STEPS = 1e-6, 1.5, 22  # of the duration: about each impulse
 Terms = Sequence[tuple[Mode, int]]
@@ -67,6 +68,24 @@ def least_up_to_one_of(zeros: Sequence[Mode], dips: Sequence[tuple[arb, arb]], d
         places = [((begin + until) / 2 - end, until - begin) for begin, until in dips]
         scaled = _scaled(row(terms, places[-1][0], 2), places[-1][1] * end), arb(-1)
         return _least(terms, places, end, scaled, bits, dips=True)
+
+
+def least_of_dips(zeros: Sequence[Mode], dips: Sequence[tuple[arb, arb]], derivatives: int, lower: Fraction) -> float | None:
+    """The same of partial sums in [lower, 1], of dips whose edges are those of the shortest: there f' is 0, but for the last one."""
+    terms = [(zero, power) for zero in zeros for power in range(derivatives + 1)]
+    if len(dips) < len(terms):
+        return None
+    folds = max(zero.damping * zero.frequency for zero in zeros) * float(dips[-1][1])
+    with precision(bits := max(BITS + math.ceil(2.0 * min(folds, MOST_FOLDS) / math.log(2.0)), flint.ctx.prec)):
+        end = dips[-1][1]
+        edges = [*(begin for begin, _ in dips), *(until for _, until in dips[:-1])][: 2 * len(terms) - 1]
+        rows = [row(terms, edge - end, 1) for edge in edges]
+        found = solution([*rows, row(terms, -end, 0)], [arb(0)] * len(rows) + [arb(1)])
+        for less in CLOSELY if found else ():
+            claimed = float(end) * (1.0 - less)
+            if none_of_dips(Fraction(claimed), conditions_of(terms, found), lower, bits):
+                return claimed
+    return None
 
 
 def _least(terms: Terms, places: Places, end: arb, scaled: tuple[Vector, arb], bits: int, dips: bool) -> float | None:
