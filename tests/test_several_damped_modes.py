@@ -117,6 +117,33 @@ def test_deeper_dips_are_shorter_and_refuted_as_such() -> None:
     assert leasts == pytest.approx(durations, rel=1e-12)
 
 
+@pytest.mark.parametrize(("dampings", "upper"), [((0.99, 0.5), 1.5), ((0.9999, 0.99), 1.1)])
+def test_sums_beyond_1_end_before_modes_decay(dampings: tuple[float, float], upper: float) -> None:
+    """HiGHS on a grid: 1 % less does not do, 1 % more does."""
+    modes = modes_of((1.0, dampings[0]), (2.7, dampings[1]))
+    made = make("sums-zv", Request(modes, simultaneous=True, sums=(0.0, upper)))
+    assert max(left(made.shaper, mode, 0) for mode in modes) < ROUNDED
+    assert made.least is not None
+    assert made.shaper.duration * (1.0 - 1e-12) < made.least.duration <= made.shaper.duration
+
+    def exists(duration: float) -> bool:
+        """Levels S_k of cells: z(T) - Σ S_k Δz_k = 0."""
+        instants = np.linspace(-duration, 0.0, 1001)
+        z = np.array([np.exp(mode.frequency * mode.direction * instants) for mode in modes], dtype=np.complex128)
+        z = np.concatenate([z.real, z.imag])
+        found = linprog(
+            np.zeros(1000),
+            A_eq=np.diff(z, axis=1),
+            b_eq=z[:, -1],
+            bounds=(0.0, upper),
+            method="highs",
+        )
+        return found.status == 0
+
+    assert not exists(0.99 * made.shaper.duration)
+    assert exists(1.01 * made.shaper.duration)
+
+
 def test_the_same_as_cone_programs_where_these_tell() -> None:
     zeros = [(mode, 0) for mode in modes_of((1.0, 0.3), (2.7, 0.4))]
     shaper, _ = positive_at_once(zeros)

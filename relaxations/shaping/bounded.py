@@ -143,8 +143,8 @@ def _fastest(modes: Sequence[Mode], lower: Exact, upper: Exact, derivatives: int
             f"{derivatives} derivatives of {len(modes)} mode(s) are {equations} equations at once; up to {MOST_EQUATIONS} are possible, "
             f"and of one mode {MOST} derivatives with free instants; zv-d:N takes any number"
         )
-    # Between bounds on both sides of [0, 1] a sequence ends before the modes decay.
-    if (len(modes) > 1 or sample_time is not None) and (exact(lower) == 0 or exact(upper) == 1):
+    # With an upper bound beyond 1 a sequence ends before the modes decay.
+    if (len(modes) > 1 or sample_time is not None) and exact(upper) == 1:
         require_told(modes, derivatives, MOST_FOLDS)
     grid = None if sample_time is None else exact(repr(sample_time))
     found = minimum_time(problem([plant_of(modes)], Maneuver(exact(1), Limits.of(lower, upper), robustness=derivatives, sample_time=grid)))
