@@ -11,6 +11,7 @@ from relaxations.errors import ImpossibleShaperError, ShaperError
 from relaxations.shaping.banded_moves import within_each
 from relaxations.shaping.bands import Band
 from relaxations.shaping.kinds import find
+from relaxations.shaping.listed_moves import within_all
 from relaxations.shaping.moves import Move, gaps, in_turn, left_over, rigid, with_zeros, within_bands
 from relaxations.shaping.requests import Request
 from relaxations.shaping.shapers import Shaper
@@ -23,7 +24,8 @@ class Moved:
 
     `shaped` is None where negative impulses take the rigid body's command beyond the limits; `kept` is the fraction of the move by which it
     swings at most over the band, where that is what `together` proves. `between`: factors of a mode's frequency that lie between its bands;
-    there the tolerance is kept as well, so that the time is that of bands without such gaps.
+    there the tolerance is kept as well, so that the time is that of bands without such gaps. `box`: the bands that the command is about,
+    where they are several; `plants`: how many plants of them the certificate is about.
     """
 
     move: Move
@@ -34,6 +36,7 @@ class Moved:
     kept: float | tuple[float, ...] | None = None
     between: tuple[tuple[float, float], ...] = ()
     box: tuple[Band, ...] = ()
+    plants: int = 0
 
     @property
     def command(self) -> Command | None:
@@ -57,6 +60,7 @@ class Moved:
                 "box": [
                     {"frequency": band.mode.frequency, "factors": [band.low, band.high], "tolerance": band.tolerance} for band in self.box
                 ],
+                "plants": self.plants,
                 "between": [list(gap) for gap in self.between],
             },
         }
@@ -79,11 +83,14 @@ def moved(kind: str, request: Request, shaper: Shaper, move: Move, damping: tupl
         )
     kept: float | tuple[float, ...] | None = None
     box: tuple[Band, ...] = ()
+    plants = 0
     if found.zeros is not None:
         together = with_zeros(move, *found.zeros(request, number))
     elif kind == "si" and len({band.tolerance for band in bands}) > 1:
         each = within_each(move, bands)
-        together, box, kept = each.bound, each.box, tuple(band.tolerance for band in bands)
+        together, box, kept, plants = each.bound, each.box, tuple(band.tolerance for band in bands), each.plants
+    elif kind == "si" and len(request.modes) == 1 and gaps(bands) and (whole := within_all(move, bands)) is not None:
+        together, box, kept, plants = whole.bound, tuple(bands), tuple(band.tolerance for band in bands), whole.plants
     elif kind == "si":
         together, kept = within_bands(move, bands), bands[0].tolerance
     else:
@@ -94,4 +101,4 @@ def moved(kind: str, request: Request, shaper: Shaper, move: Move, damping: tupl
     between = gaps(bands) if kind == "si" and not box else ()
     if not box and together.status is not Status.PROVED:
         kept = None
-    return Moved(move, alone, shaped, together, left, kept, between, box)
+    return Moved(move, alone, shaped, together, left, kept, between, box, plants)

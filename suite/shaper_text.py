@@ -68,7 +68,12 @@ def move_lines(done: Moved) -> Iterator[str]:
     most = " and ".join(f"{one:g}" for one in done.kept) if isinstance(done.kept, tuple) else f"{done.kept or 0.0:g}"
     kept = "" if done.kept is None else f"; swings by at most {most} of the move over the band{'s' if several else ''}: proved"
     yield f"  designed together: {_sides(done.together)}{kept}{_left(done.left['together'])}"
-    if done.box:
+    if done.plants:
+        yield (
+            f"  note: the certificate is about {done.plants} plants of the bands, each weighted by what its tolerance allows; that the "
+            "command keeps the whole of every band is proven besides"
+        )
+    elif done.box:
         boxes = " and ".join(f"{band.low:g}:{band.high:g}@{band.tolerance:g}" for band in done.box)
         yield f"  note: the least time is that of the band alone that asks for most; the command, and its certificate, is that of {boxes}"
     if done.between:

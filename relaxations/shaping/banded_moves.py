@@ -1,8 +1,8 @@
 """A move and its shaper for bands of different tolerances: each is about a machine with that mode alone, over that band.
 
-A box of plants has one tolerance. So the command is that of a box which is proven to keep all the others too, the fastest that was found;
-and no command is faster than the slowest of those that keep one band alone, each with its own proof. Where one band asks for all the time
-both are the same.
+As a rule they are one task, a list of weighted plants (relaxations.shaping.listed_moves). Where that is not proven the command is that of a
+box of one tolerance which is proven to keep all the others too, the fastest that was found; and no command is faster than the slowest of
+those that keep one band alone, each with its own proof. Where one band asks for all the time both are the same.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from relaxations.bounds import Bound, Status
 from relaxations.errors import ShaperError
 from relaxations.shaping.bands import Band
+from relaxations.shaping.listed_moves import within_all
 from relaxations.shaping.moves import Move, hulls, left_over, within_bands
 
 HALVINGS = 4  # of how far the narrow band of the smallest tolerance is widened until the others are kept
@@ -22,20 +23,25 @@ SAME = 1e-6  # relative: both sides of a bracket are the same
 
 @dataclass(frozen=True, slots=True)
 class Banded:
-    """`bound`: the bracket, with the command's own certificate; `box`: the bands that it is about; `least`: the bound of the band that asks
-    for most time, None where none was proven.
+    """`bound`: the bracket, with the command's own certificate; `box`: the bands that it is about; `least`: the bound that the lower side
+    is of, None where none was proven. `plants`: how many the certificate is about, all bands being one task; 0: the lower side is that of
+    the band that asks for most time, alone.
     """
 
     bound: Bound
     box: tuple[Band, ...]
     least: Bound | None
+    plants: int = 0
 
 
 def within_each(move: Move, bands: Sequence[Band]) -> Banded:
     """The fastest command that was found to keep every band within its own tolerance, *proven*; and how fast any could be, *proven*.
 
-    Raises `ShaperError` for bands that leave out the mode itself, and where no command was found.
+    Raises `ShaperError` where no command was found, for bands that leave out the mode itself, too.
     """
+    different = tuple(dict.fromkeys(bands))
+    if (whole := within_all(move, different)) is not None:
+        return Banded(whole.bound, different, whole.bound, whole.plants)
     alone = [within_bands(move, [band]) for band in dict.fromkeys(bands)]
     proven = [bound for bound in alone if _claims(bound, "lower")]
     least = max(proven, key=lambda bound: bound.lower, default=None)

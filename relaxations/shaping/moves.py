@@ -110,7 +110,7 @@ def within_bands(move: Move, bands: Sequence[Band]) -> Bound:
         Axis(f"mode[{number}].frequency", Fraction(1), exact(repr(band.low)), exact(repr(band.high)))
         for number, band in enumerate(whole, 1)
     ]
-    box = Box(tuple(axes), _family([band.mode for band in whole], move.order), exact(repr(bands[0].tolerance)))
+    box = Box(tuple(axes), family([band.mode for band in whole], move.order), exact(repr(bands[0].tolerance)))
     return _solved(move, [band.mode for band in whole], 0, box)
 
 
@@ -143,7 +143,7 @@ def _solved(move: Move, modes: Sequence[Mode], derivatives: int, box: Box | None
         raise ShaperError(f"move and shaper together: {refused}") from None
 
 
-def _family(modes: Sequence[Mode], order: int) -> Family:
+def family(modes: Sequence[Mode], order: int) -> Family:
     """The frequencies times parameters f: `∏ f²ω² / (s^r ∏ (s² + 2ζωf s + f²ω²))`."""
     none = (0,) * len(modes)
     gain: Polynomial = ((Fraction(1), none),)
