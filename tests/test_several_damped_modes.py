@@ -71,14 +71,15 @@ def test_nothing_is_left_and_none_is_shorter(kind: str, pairs: tuple[tuple[float
 
 
 @pytest.mark.slow
-def test_humps_of_modes_that_decay_take_what_their_decay_takes() -> None:
-    """The tolerance over both ranges, from 0.088 of the slow mode's frequency on: one impulse, and when it has decayed enough."""
+@pytest.mark.parametrize("kind", ["ei", "um-ei"])
+def test_humps_of_modes_that_decay_take_what_their_decay_takes(kind: str) -> None:
+    """The tolerance over ranges from 0.088 (um-ei: 0.035) of the frequency on: one impulse, and when it has decayed enough."""
     modes = modes_of((1.0, 0.99), (2.7, 0.99))
-    made = make("ei", Request(modes, tolerance=0.05, simultaneous=True))
+    made = make(kind, Request(modes, tolerance=0.05, simultaneous=True))
     assert made.least is not None
     ends = [band.ends[0] for _, band in made.ranges]
     assert made.shaper.duration == pytest.approx(math.log(1.0 / 0.05) / (0.99 * min(ends)), rel=2e-6)  # the grid's is longer by 1e-6
-    assert made.least.duration == pytest.approx(made.shaper.duration, rel=2e-6)
+    assert made.least.duration == pytest.approx(made.shaper.duration, rel=2e-6 if kind == "ei" else 2e-5)  # a bracket of 1e-5
 
 
 def test_impulses_at_one_instant_are_one() -> None:

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import precision
-from relaxations.shaping.amplitudes import LEAST, smallest_of_derivatives, too_small
+from relaxations.shaping.amplitudes import LEAST, decay_per_radian, smallest_of_derivatives, too_small
 from relaxations.shaping.continuation import continued
 from relaxations.shaping.decayed import DECAYED, smallest
 from relaxations.shaping.dips import Dip
@@ -107,7 +107,8 @@ def unity_magnitude(mode: Mode, tolerance: float, humps: int = 1) -> Humped:
     aim = _require(tolerance, humps)
     _require_told(mode, f"um-{'' if humps == 1 else f'{humps}-hump-'}ei", lambda damping: smallest(damping, humps))
     zeros, given = humps + 1, tuple((-1) ** i for i in range(2 * humps + 3))
-    with _digits(_first_ripple(mode, zeros, aim)):
+    folds = zeros * math.pi * decay_per_radian(mode.damping)
+    with _digits(_first_ripple(mode, zeros, aim), math.ceil(4.0 * folds / math.log(2.0))):  # dips are as narrow
         phases = list(phases_of(mode.damping, Fraction(0), Fraction(1), humps).phases)
         aim = min(aim, tolerance - ROUNDED * min(LONGER * float(phases[0]), MOST_ROUNDED * tolerance / ROUNDED))
         ripples = Ripples(arb(mode.damping), len(given), 2 * zeros - 1, zeros - 1, given)
@@ -151,9 +152,9 @@ def _lost(humps: int, tolerance: float, end: Point) -> str:
 
 
 @contextmanager
-def _digits(first: tuple[float, float]) -> Iterator[tuple[arb, arb]]:
+def _digits(first: tuple[float, float], more: int = 0) -> Iterator[tuple[arb, arb]]:
     """So many that the first ripple, e^`first`, is not lost in rounding; V and spread to begin with."""
-    with precision(BITS + int(-2.0 * first[0] / math.log(2.0))):
+    with precision(BITS + more + int(-2.0 * first[0] / math.log(2.0))):
         yield arb(first[0]).exp(), arb(first[1])
 
 

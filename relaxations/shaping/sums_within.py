@@ -45,6 +45,7 @@ HAIR = 1e-7  # of a tolerance: by how much exact instants are designed inside it
 TOGETHER = 1e-13  # of the duration: what lies no farther apart is one impulse
 FAINT = 1e-9  # a multiplier that is none, of a sum of 1
 ATTEMPTS = 8
+TWICE = 2  # looks in a row on one side of the root, after which the bracket is halved
 MOST = 6.0  # half periods of the slowest frequency that are searched
 
 
@@ -60,9 +61,10 @@ def within_sums_and_bands(bands: Sequence[Band], lower: float, upper: float) -> 
     """The shortest such sequence: impulses `u, l - u, u - l, …, 1 - l`. Raises `SolverError`."""
     search = Search(tuple(bands), lower, upper)
     slowest = max(band.half_period for band in bands)
-    below, above, levels, duration = (0.0, 1.0), None, np.zeros(0), slowest
+    below, above, levels, duration, turns = (0.0, 1.0), None, np.zeros(0), min(slowest, _decayed(bands)), 0
     while above is None or above[0] - below[0] > BRACKET * above[0]:
         excess, found, _ = search.solved(duration)
+        turns = max(turns, 0) + 1 if excess > 0.0 else min(turns, 0) - 1
         if excess > 0.0:
             below = duration, excess
         else:
@@ -72,14 +74,22 @@ def within_sums_and_bands(bands: Sequence[Band], lower: float, upper: float) -> 
             if duration > MOST * slowest:
                 raise SolverError(_lost())
             continue
-        # False position a hair beyond the root closes the bracket; where it does not, halving does.
+        # False position a hair beyond the root closes the bracket; where it does not, and twice on one side, halving does.
         share = below[1] / (below[1] - above[1]) if above[1] < below[1] else 0.5
         aim = below[0] + share * (above[0] - below[0]) + 0.3 * BRACKET * above[0]
         near = min(max(aim, below[0] + 0.05 * (above[0] - below[0])), above[0] - 0.05 * (above[0] - below[0]))
-        duration = near if excess <= 0.0 or near > duration else (below[0] + above[0]) / 2.0
+        duration = near if abs(turns) < TWICE and (excess <= 0.0 or near > duration) else (below[0] + above[0]) / 2.0
     high = above[0]
     shaper = search.exact(high, levels)
     return Found(shaper, search.proven(high))
+
+
+def _decayed(bands: Sequence[Band]) -> float:
+    """When one impulse has decayed to every tolerance [s], a hair later: no more is ever taken."""
+    rates = [band.damped[0] * band.ends[0] for band in bands]
+    if min(rates) <= 0.0:
+        return math.inf
+    return max(-math.log(band.tolerance) / rate for band, rate in zip(bands, rates, strict=True)) * (1.0 + BRACKET)
 
 
 def _lost() -> str:
