@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from flint import acb, arb
 from marks import slow
+from scipy.optimize import linprog
 
 from relaxations.checking.durations import Condition, none_of_pulses
 from relaxations.errors import SolverError
@@ -51,6 +52,8 @@ def pole(mode: Mode) -> acb:
         (4.0, 0, [(1, 0.99998)]),
         (4.0, 3, [(1, 0.99)]),
         (1.0, 0, [(1, 0.99), (2.7, 0.95)]),
+        (3.0, 1, [(1, 0.9), (2.7, 0.5)]),  # of more pulses than zeros need
+        slow(2.919, 0, [(1.2, 0.9891), (1.407, 0.861), (3.843, 0.328)]),
         slow(43.1, 1, [(3.743, 0.375), (1.151, 0.9774)]),
         slow(3.8, 0, [(2.036, 0.9701), (1.797, 0.999586)]),
         slow(16.422, 1, [(2.277, 0.9171), (3.462, 0.455), (3.103, 0.999458)]),
@@ -99,6 +102,28 @@ def test_they_are_what_programs_find_where_these_tell(height: float, modes: list
     found = narrow_pulses([Mode(f * W, z) for f, z in modes], height, 0)
     assert found.shaper.duration == pytest.approx(duration, rel=1e-14)
     assert found.lower == pytest.approx(duration, rel=1e-12)
+
+
+@pytest.mark.parametrize(("height", "modes"), [slow(3.0, [(1, 0.9), (2.7, 0.5)]), (5.696, [(2.544, 0.0), (0.647, 0.0)])])
+def test_more_pulses_than_zeros_need_are_what_a_grid_holds(height: float, modes: list[tuple[float, float]]):
+    """HiGHS: in 1 % less than their duration no such pulses on a grid leave nothing with a whole integral, in 1 % more some do."""
+    asked = [Mode(f * W, z) for f, z in modes]
+    found = narrow_pulses(asked, height, 1)
+    assert len(found.shaper.pulses) > 2 * len(modes) + 1
+    cells = 1000
+
+    def reachable(duration: float) -> float:
+        middle = np.linspace(-duration, 0.0, cells + 1)[:-1] + duration / cells / 2.0
+        table = []
+        for mode in asked:
+            z = np.exp(mode.frequency * mode.direction * middle)
+            for power in (0, 1):
+                moment = (middle / duration) ** power * z
+                table += [moment.real, moment.imag]
+        best = linprog(-np.full(cells, duration / cells), A_eq=np.array(table), b_eq=np.zeros(len(table)), bounds=(0.0, height))
+        return -best.fun
+
+    assert reachable(found.shaper.duration * 0.99) < 1.0 < reachable(found.shaper.duration * 1.01)
 
 
 def test_a_height_that_doubles_do_not_hold_is_told():

@@ -39,7 +39,7 @@ def widened(zeros: Zeros, instants: Sequence[arb], sizes: Sequence[arb], depth: 
     widest = max(sizes) / last
     deep = max(arb(1), (widest / (DEEP * end)))
     places, integrals = [at / end for at in instants], [size / end for size in sizes]
-    begun = _multipliers(rates, places, integrals) if n != len(rates) else []
+    begun = multipliers(rates, places, integrals) if n != len(rates) else []
 
     def system(x: Vector, w: arb) -> tuple[Vector, list[Vector]]:
         """x: middles, and logarithms of widths times depth, both in units of the end, multipliers; w: the logarithm of 1/depth."""
@@ -102,8 +102,8 @@ def _touching(rates: Rates, x: Vector, w: arb, integrals: Sequence[arb]) -> tupl
     rows: list[Vector] = []
     for k, size in enumerate(integrals):
         begin, end, width = _edges(x[: 2 * n], k, w)
-        (at_begin, slope_begin), (at_end, slope_end) = ([[size * e for e in column] for column in _columns(rates, t)] for t in (begin, end))
-        first, second, rise, fall = (_dot(c, column) for column in (at_begin, at_end, slope_begin, slope_end))
+        (at_begin, slope_begin), (at_end, slope_end) = ([[size * e for e in column] for column in columns(rates, t)] for t in (begin, end))
+        first, second, rise, fall = (dot(c, column) for column in (at_begin, at_end, slope_begin, slope_end))
         if k == n - 1:
             values.append(first)
             rows.append(_row(x, k, rise, -rise * width / 2, at_begin))
@@ -123,23 +123,24 @@ def _row(x: Vector, k: int, by_middle: arb, by_width: arb, by_multipliers: Vecto
     return [*row, *by_multipliers, by_width]
 
 
-def _columns(rates: Rates, t: arb) -> tuple[Vector, Vector]:
+def columns(rates: Rates, t: arb) -> tuple[Vector, Vector]:
     """v and v', real and imaginary parts."""
     values = [t**power * (unit * t).exp() for unit, power in rates]
     slopes = [(arb(power) / t + unit) * value for (unit, power), value in zip(rates, values, strict=True)]
     return [part for z in values for part in (z.real, z.imag)], [part for z in slopes for part in (z.real, z.imag)]
 
 
-def _dot(one: Vector, other: Vector) -> arb:
+def dot(one: Vector, other: Vector) -> arb:
+    """The sum of products."""
     return sum((a * b for a, b in zip(one, other, strict=True)), arb(0))
 
 
-def _multipliers(rates: Rates, places: Sequence[arb], integrals: Sequence[arb]) -> Vector:
-    """Of a g that is 0 at the points and level at as many of them as it takes, of length 1. Raises `SolverError`."""
-    columns = [[[size * e for e in part] for part in _columns(rates, t)] for t, size in zip(places, integrals, strict=True)]
-    rows = [at for at, _ in columns] + [slope for _, slope in columns[:-1]][: 2 * len(rates) - 1 - len(places)]
-    found = solution([*rows, columns[-1][1]], [arb(0)] * len(rows) + [arb(-1)])
+def multipliers(rates: Rates, places: Sequence[arb], integrals: Sequence[arb]) -> Vector:
+    """c, of a g that is 0 at the points and level at as many of them as it takes, of length 1. Raises `SolverError`."""
+    parts = [[[size * e for e in column] for column in columns(rates, t)] for t, size in zip(places, integrals, strict=True)]
+    rows = [at for at, _ in parts] + [slope for _, slope in parts[:-1]][: 2 * len(rates) - 1 - len(places)]
+    found = solution([*rows, parts[-1][1]], [arb(0)] * len(rows) + [arb(-1)])
     if not found:
         raise SolverError("what tells dips that are more than zeros was not found")
-    length = _dot(found, found).sqrt()
+    length = dot(found, found).sqrt()
     return [(c / length).mid() for c in found]

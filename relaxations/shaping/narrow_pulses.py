@@ -8,7 +8,7 @@ of a height a, the first of them from 0 on, that leave nothing are
 as many equations as there are edges but the first. At 1/a = 0 they are impulses, which are known at any damping (in closed form, or from
 relaxations.shaping.cones); with 1/a they become wider, along a curve that is followed in as many digits as the decay takes
 (relaxations.shaping.paths). None is shorter: let `f = Re Σ y_ij* z_ij` be 1 at all edges but the first and the last. Where
-`a ∫ max(1 - f, 0) < 1` over a duration, none is as short (relaxations.checking.durations).
+`a ∫ max(1 - f, 0) < 1` over a duration, none is as short (relaxations.checking.durations). More pulses than zeros need are told by f, too.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from relaxations.plants import precision
 from relaxations.shaping.amplitudes import LEAST, named, smallest_of_derivatives, too_small
 from relaxations.shaping.at_once import require_doubles
 from relaxations.shaping.cones import Zeros, bits_of, shortest
+from relaxations.shaping.depths import Rates, columns, dot, multipliers
 from relaxations.shaping.dips import WIDTH, pulses_apart, too_close
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.paths import Vector, followed
@@ -91,25 +92,24 @@ def _edges(zeros: Zeros, instants: Vector, sizes: Vector, last: arb) -> Vector:
     for mode, count in zeros:
         zeta = arb(mode.damping)
         rate = arb(mode.frequency) * acb(zeta, (1 - zeta * zeta).sqrt())
-        rates += [(rate, power) for power in range(count + 1)]
+        rates += [(rate * instants[-1], power) for power in range(count + 1)]
     n, end = len(sizes), instants[-1]
-    if n != len(rates) + 1:
-        raise SolverError(f"{n} impulses are more than {len(rates)} zeros take: the pulses that they become were not followed")
+    places = [instant / end for instant in instants]
+    begun = [] if n == len(rates) + 1 else multipliers(rates, places[1:], sizes[1:])  # more pulses than zeros are told by f besides
 
     def edges_of(x: Vector, w: arb) -> Vector:
         widths = [(size + w).exp() for size in x[:n]]
         found = [arb(0), widths[0]]
-        for middle, width in zip(x[n:], widths[1:], strict=True):
+        for middle, width in zip(x[n : 2 * n - 1], widths[1:], strict=True):
             found += [middle - width / 2, middle + width / 2]
         return found
 
     def system(x: Vector, w: arb) -> tuple[Vector, list[Vector]]:
-        """x: logarithms of the pulses' integrals, and middles of all but the first; w: log 1/a; in units of the impulses' duration."""
+        """x: logarithms of the pulses' integrals, middles of all but the first, multipliers and level; w: log 1/a. In units of the end."""
         edges = edges_of(x, w)
         values: Vector = []
         rows: list[Vector] = []
-        for rate, power in rates:
-            unit = rate * end
+        for unit, power in rates:
             at = [edge**power * (unit * edge).exp() for edge in edges]
             slopes = [(power * edge ** max(power - 1, 0) + unit * edge**power) * (unit * edge).exp() for edge in edges]
             value, by_x, by_w = acb(0), [acb(0)] * (2 * n - 1), acb(0)
@@ -128,14 +128,22 @@ def _edges(zeros: Zeros, instants: Vector, sizes: Vector, last: arb) -> Vector:
         parts = [size.exp() for size in x[:n]]
         values.append(sum(parts, arb(-1)))
         rows.append([*parts, *[arb(0)] * n])
-        return values, rows
+        if not begun:
+            return values, rows
+        rows = [[*row[:-1], *[arb(0)] * (len(begun) + 1), row[-1]] for row in rows]
+        more, further = _touching(rates, x, edges, sizes)
+        values += [*more, dot(x[2 * n - 1 : -1], begun) - dot(begun, begun)]
+        return values, [*rows, *further, [*[arb(0)] * (2 * n - 1), *begun, arb(0), arb(0)]]
 
     def apart(x: Vector) -> bool:
-        return all(before < after for before, after in pairwise(x[n:]))
+        return all(before < after for before, after in pairwise(x[n : 2 * n - 1]))
 
-    start = [*(size.log() for size in sizes), *(instant / end + sizes[0] * NARROW / 2 for instant in instants[1:])]
     goal = (last / end).log()
     begin = min(arb(NARROW).log(), goal - 1)
+    first = sizes[0] * begin.exp()
+    start = [*(size.log() for size in sizes), *(place + first / 2 for place in places[1:]), *begun]
+    if begun:
+        start.append(dot(begun, columns(rates, first)[0]))
     path = followed(system, start, begin, goal, apart)
     if path is None or not path.goal:
         raise SolverError("pulses were not followed from impulses to their height")
@@ -145,11 +153,47 @@ def _edges(zeros: Zeros, instants: Vector, sizes: Vector, last: arb) -> Vector:
     return [(edge * end).mid() for edge in edges]
 
 
+def _touching(rates: Rates, x: Vector, edges: Vector, sizes: Vector) -> tuple[Vector, list[Vector]]:
+    """That f is the level at all edges but the first and the last; of a pulse between half the sum and the slope, times its integral."""
+    n = len(sizes)
+    c, level = x[2 * n - 1 : -1], x[-1]
+    values: Vector = []
+    rows: list[Vector] = []
+    for k, size in enumerate(sizes):
+        begin, end = edges[2 * k], edges[2 * k + 1]
+        width = end - begin
+        if k in (0, n - 1):
+            at, slope = ([size * e for e in column] for column in columns(rates, end if k == 0 else begin))
+            rise = dot(c, slope)
+            by_middle, by_width = (None, rise * width) if k == 0 else (rise, -rise * width / 2)
+            values.append(dot(c, at) - size * level)
+            rows.append(_row(n, k, by_middle, by_width, at, -size))
+            continue
+        (at_begin, slope_begin), (at_end, slope_end) = ([[size * e for e in column] for column in columns(rates, t)] for t in (begin, end))
+        one, other, rise, fall = (dot(c, column) for column in (at_begin, at_end, slope_begin, slope_end))
+        slope_between = (other - one) / width
+        values += [(one + other) / 2 - size * level, slope_between]
+        mean = [(a + b) / 2 for a, b in zip(at_begin, at_end, strict=True)]
+        by_c = [(b - a) / width for a, b in zip(at_begin, at_end, strict=True)]
+        rows.append(_row(n, k, (rise + fall) / 2, (fall - rise) * width / 4, mean, -size))
+        rows.append(_row(n, k, (fall - rise) / width, (rise + fall) / 2 - slope_between, by_c, arb(0)))
+    return values, rows
+
+
+def _row(n: int, k: int, by_middle: arb | None, by_width: arb, by_multipliers: Vector, by_level: arb) -> Vector:
+    found = [arb(0)] * (2 * n - 1)
+    found[k] = by_width
+    if by_middle is not None:
+        found[n + k - 1] = by_middle
+    return [*found, *by_multipliers, by_level, by_width]
+
+
 def _least(zeros: Zeros, edges: Vector, height: float) -> float | None:
     """The least duration [s], *proven*."""
     terms = [(mode, power) for mode, count in zeros for power in range(count + 1)]
     end = edges[-1]
-    found = solution([row(terms, edge - end, 0) for edge in edges[1:-1]], [arb(1)] * (len(edges) - 2))
+    told = [edges[1], *edges[2:-1:2], *edges[3:-1:2]][: 2 * len(terms)]
+    found = solution([row(terms, edge - end, 0) for edge in told], [arb(1)] * len(told))
     if not found:
         return None
     fastest = max(mode.damping * mode.frequency for mode, _ in zeros)
