@@ -17,6 +17,7 @@ from relaxations.shaping.shapers import shape
 from relaxations.shaping.streams import Schedule
 from suite.errors import ABSENT, Mistake, StudyError
 from suite.plants import plant_at
+from suite.respecting import complaints
 from suite.shaping import Shaping, assess
 from suite.study import ShaperRequest, Study
 
@@ -95,7 +96,10 @@ def _reference(study: Study, asked: ShaperRequest, plant: LinearPlant, posed: Pr
 
 
 def _within(study: Study, asked: ShaperRequest, command: Command) -> None:
-    """Negative impulses may take the command beyond limits that its reference respects; a file may do so by itself."""
+    """Negative impulses may take the command beyond limits that its reference respects; a file may do so by itself.
+
+    Fuel, samples, slopes and pulses are no demands that shapers are made by.
+    """
     lower, upper = float(study.limits.lower), float(study.limits.upper)
     slack = ROUNDING * (upper - lower)
     least, most = command.extent()
@@ -104,6 +108,9 @@ def _within(study: Study, asked: ShaperRequest, command: Command) -> None:
         why = f"the shaped command goes {reached}, beyond limits.input, [{lower:.10g}, {upper:.10g}]"
         hint = "a shaper without negative impulses keeps its reference's limits; or shape a slower command from a file"
         raise _refused(study, "shaper", f"{why}; {hint}", asked.kind)
+    if wrong := list(complaints(command, study.limits, lower, upper, float(study.plant.initial_input))):
+        hint = "a slower reference from a file, on whole samples if there is a sample time, and command.sample_time may do"
+        raise _refused(study, "shaper", f"shaped, {'; '.join(wrong)}; {hint}", asked.kind)
 
 
 def _refused(study: Study, key: str, why: str, value: object = ABSENT) -> StudyError:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
@@ -22,6 +21,7 @@ from suite import schema
 from suite.errors import ABSENT, Mistake
 from suite.plants import linear_plant
 from suite.quantity_names import Quantity, UnitKind, parse_quantity
+from suite.respecting import ROUNDING, complaints
 from suite.starts import mistakes as start_mistakes
 from suite.starts import run_mistakes
 from suite.study import GRID, CommandRequest, Limits, Maneuver, Plant, Requirement, Simulation, Study, Uncertainty
@@ -34,7 +34,6 @@ from suite.study_shaper import read_command, understand_shaper
 from suite.study_units import convert_units
 
 TRIED = 200  # plants of one axis that are built to see whether they exist: 0.5 ms each
-ROUNDING = 1e-9  # of the distance between the limits
 PURE_UNITS = {"1", "-", "–"}
 Item = TypeVar("Item")
 
@@ -208,37 +207,14 @@ def _command(written: schema.Command, folder: Path, names: PlantNames | None, mi
 def _within(command: Command, file: str | None, limits: schema.Limits, plant: Plant | None, mistakes: list[Mistake]) -> None:
     """A command that was given respects the limits too, up to the rounding of its own numbers."""
     lower, upper = map(float, limits.input)
-    if limits.fuel is not None and plant is not None:
-        fuel = command.fuel(float(plant.initial_input))
-        if fuel > float(limits.fuel) * (1.0 + ROUNDING):
-            mistakes.append(Mistake("command.file", file, f"the command uses {fuel:.10g} of fuel, more than limits.fuel, {limits.fuel}"))
-    if limits.sample_time is not None:
-        step = float(limits.sample_time)
-        off = [at for at in command.breakpoints if abs(at - round(at / step) * step) > ROUNDING * step]
-        if off or command.tail.terms or any(segment.slope for segment in command.segments):
-            what = f"changes at {off[0]:.10g} s" if off else "is not constant between its instants"
-            mistakes.append(Mistake("command.file", file, f"the command {what}, but limits.sample_time is {step:.10g} s"))
-    if plant is not None and (limits.pulse_width is not None or limits.pulses is not None):
-        mistakes.extend(
-            Mistake("command.file", file, complaint) for complaint in _pulse_complaints(command, limits, float(plant.initial_input))
-        )
+    if plant is not None:
+        found = complaints(command, limits, lower, upper, float(plant.initial_input))
+        mistakes.extend(Mistake("command.file", file, complaint) for complaint in found)
     slack = ROUNDING * (upper - lower)
     least, most = command.extent()
     for level, limit, beyond in ((least, lower, least < lower - slack), (most, upper, most > upper + slack)):
         if beyond:
             mistakes.append(Mistake("command.file", file, f"the command reaches {level:.10g}, beyond limits.input, {limit:.10g}"))
-
-
-def _pulse_complaints(command: Command, limits: schema.Limits, rest: float) -> Iterator[str]:
-    """What of a command no thrusters with these limits can do."""
-    starts, full = [segment.start for segment in command.segments], (*map(float, limits.input), rest)
-    if command.tail.terms or any(segment.slope or segment.level not in full for segment in command.segments):
-        yield f"the command has other levels than those that thrusters give, {', '.join(f'{level:.10g}' for level in full)}"
-    pulses = [b - a for s, a, b in zip(command.segments, starts, [*starts[1:], command.end], strict=True) if s.level != rest]
-    if limits.pulse_width is not None and min(pulses, default=math.inf) < (width := float(limits.pulse_width)) * (1.0 - ROUNDING):
-        yield f"the command has a pulse of {min(pulses):.10g} s, but limits.pulse_width is {width:.10g} s"
-    if limits.pulses is not None and len(pulses) > limits.pulses:
-        yield f"the command has {len(pulses)} pulses, but limits.pulses is {limits.pulses}"
 
 
 def _interface(plant: Plant | None, asked: str | None, mistakes: list[Mistake]) -> None:
