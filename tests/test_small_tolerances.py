@@ -20,7 +20,7 @@ from relaxations.shaping.modes import Mode
 from relaxations.shaping.requests import Request
 from relaxations.shaping.roots import keeps, rooted
 from relaxations.shaping.shapers import Shaper
-from relaxations.shaping.small_tolerances import within
+from relaxations.shaping.small_tolerances import within, within_small
 from suite.shaping import assess
 
 HERTZ = 2 * math.pi
@@ -77,6 +77,13 @@ def test_a_little_more_than_the_tolerance_is_told():
 def test_a_tolerance_that_is_rounding_is_refused_with_what_is_possible(tolerance: float):
     with pytest.raises(SolverError, match=r"tolerances from 1e-13 on, and zv-d:N, which leaves nothing at the mode, are possible"):
         within(of(asked(TWO, 0.0, tolerance)))
+
+
+def test_derivatives_that_reach_the_tolerance_at_the_ends_of_their_range_leave_room_for_rounding():
+    (band,) = of(Request((Mode(HERTZ),), 1e-12, bands=((0.9, 1.1, 1e-12),)))
+    found = within_small([band])
+    assert len(found.shaper.times) == 18, "16 derivatives; 13 keep it from 0.911 to 1.089"
+    assert largest(found.shaper, band, 41) <= 1e-12
 
 
 @pytest.mark.slow

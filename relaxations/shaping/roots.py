@@ -21,10 +21,10 @@ from relaxations.shaping.shapers import Shaper, convolve
 from relaxations.shaping.worst_cases import worst_over
 
 SURE = 1e-3  # a tolerance that programs are sure to tell
-ROUNDED = 1e-15  # what instants and amplitudes in doubles leave at most, beside what is designed
+ROUNDED = 1e-15  # what instants and amplitudes in doubles leave, beside what is designed; twice that much is kept free
 MORE = 3  # how many p are tried
 TOLD = 1e-3  # of a tolerance: how closely what is left is enclosed where doubles do not tell it
-MANY = 400  # impulses: of more another p is tried
+MANY, TOO_MANY = 400, 2000  # impulses: of more another p is tried, and of the latter none is made
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Rooted:
 
 def rooted(bands: Sequence[Band]) -> Rooted:
     """A positive shaper that keeps all bands. Raises `SolverError` with what the last program said."""
-    inner = [replace(band, tolerance=band.tolerance - ROUNDED) for band in bands if band.tolerance > 2.0 * ROUNDED]
+    inner = [replace(band, tolerance=band.tolerance - 2.0 * ROUNDED) for band in bands if band.tolerance > 4.0 * ROUNDED]
     if len(inner) < len(bands):
         raise SolverError(f"a tolerance of {min(b.tolerance for b in bands)!r} is that of rounding itself")
     first = max(2, math.ceil(math.log(min(band.tolerance for band in bands)) / math.log(SURE) - 1e-9))
@@ -48,6 +48,8 @@ def rooted(bands: Sequence[Band]) -> Rooted:
             one = specified([replace(band, tolerance=band.tolerance ** (1.0 / factors)) for band in inner]).shaper
         except SolverError as problem:
             trouble = problem
+            continue
+        if math.comb(len(one.times) + factors - 1, factors) > TOO_MANY:
             continue
         whole = reduce(convolve, [one] * factors)
         if keeps(whole, bands):

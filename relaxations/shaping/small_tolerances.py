@@ -19,7 +19,7 @@ from relaxations.shaping.humps import LEAST_TOLERANCE, MOST_HUMPS, extra_insensi
 from relaxations.shaping.impulses import derivative_shaper
 from relaxations.shaping.insensitive import Shortest, specified
 from relaxations.shaping.modes import Mode
-from relaxations.shaping.roots import keeps, keeps_in_balls, rooted
+from relaxations.shaping.roots import MANY, ROUNDED, keeps, keeps_in_balls, rooted
 from relaxations.shaping.sensitivity import insensitive_range
 from relaxations.shaping.shapers import Shaper, convolve
 
@@ -32,6 +32,7 @@ ROOTED = (
     "tolerances so small are kept by a shaper convolved with itself, {} in a row, each the shortest of the roots of the tolerances; the "
     "least duration is that of larger tolerances"
 )
+NOISY = 1e-12  # a tolerance that doubles do not tell from a little more
 SMALL, SMALLEST = 1e-3, 1e-7  # tolerances of which programs may fail, and do
 
 
@@ -52,7 +53,9 @@ def within(bands: Sequence[Band]) -> Shortest:
 
 
 def within_small(bands: Sequence[Band]) -> Shortest:
-    """A positive shaper that keeps the tolerances, the shortest that is known here, with the least duration of larger ones.
+    """A positive shaper that keeps the tolerances, the shortest that is known here of no more than `MANY` impulses, if there is one.
+
+    Its least duration is that of larger tolerances.
 
     Raises `SolverError` where none of those above does.
     """
@@ -78,7 +81,7 @@ def within_small(bands: Sequence[Band]) -> Shortest:
             f"{least.damped[0]:g} to {least.damped[1]:g}{others} ({trouble}); narrower bands, one damping, tolerances from "
             f"{LEAST_TOLERANCE!r} on, and zv-d:N, which leaves nothing at the mode, are possible"
         ) from None
-    shaper, note = min(known, key=lambda pair: pair[0].duration)
+    shaper, note = min(known, key=lambda pair: (len(pair[0].times) > MANY, pair[0].duration))
     return Shortest(shaper, least_known(different, own=False), note)
 
 
@@ -103,14 +106,15 @@ def _humped(band: Band) -> Shaper | None:
     unit = band.mode.frequency * (band.low + band.high) / 2.0  # what is 1 rad/s there
     tiny = band.tolerance < LEAST_TOLERANCE
     for one in _candidates(at, band.tolerance, 0 if ranged else MOST_HUMPS):
-        if not ranged and not tiny:
-            low, high = insensitive_range(one.times, one.amplitudes, 1.0, at.damping, band.tolerance)
-            if not 0.0 < low < high or high / low * (1.0 - INSIDE) < band.high / band.low:
-                continue
-            unit = band.mode.frequency * band.low / low * (1.0 - INSIDE)
-        shaper = Shaper(tuple(t / unit for t in one.times), one.amplitudes)
-        if keeps_in_balls(shaper, band) if tiny else keeps(shaper, [band]):
-            return shaper
+        for room in (0.0,) if ranged or tiny else (0.0, 2.0 * ROUNDED):
+            if not ranged and not tiny:
+                low, high = insensitive_range(one.times, one.amplitudes, 1.0, at.damping, band.tolerance - room)
+                if not 0.0 < low < high or high / low * (1.0 - INSIDE) < band.high / band.low:
+                    break
+                unit = band.mode.frequency * band.low / low * (1.0 - INSIDE)
+            shaper = Shaper(tuple(t / unit for t in one.times), one.amplitudes)
+            if (not tiny and keeps(shaper, [band])) or (band.tolerance < NOISY and keeps_in_balls(shaper, band)):
+                return shaper
     return None
 
 
