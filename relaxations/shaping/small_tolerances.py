@@ -67,7 +67,7 @@ def within_small(bands: Sequence[Band]) -> Shortest:
     if 1 < len(made) == len(each) and keeps(whole := reduce(convolve, made), different):
         known.append((whole, CONVOLVED))
     trouble = None
-    if not known or len(different) > 1 or any(band.damped[0] < band.damped[1] for band in different):
+    if len(different) > 1 or not any(len(one.times) < DERIVATIVES[0] + 2 for one, _ in known):  # else humps do, and are shorter
         try:
             found = rooted(different)
             known.append((found.shaper, ROOTED.format(found.factors)))
