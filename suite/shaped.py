@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from relaxations.commands import Command
-from relaxations.errors import ImpossibleShaperError, PlantError, RelaxationsError
+from relaxations.errors import ImpossibleShaperError, PlantError, RelaxationsError, ShaperError
 from relaxations.maneuvers import Problem
 from relaxations.plants import LinearPlant
 from relaxations.shaping.following import followed, following_move
@@ -72,6 +72,8 @@ def _following(study: Study, asked: ShaperRequest, plant: LinearPlant, posed: Pr
     for value in values:
         there = plant_at(study, {parameter: value})
         modes = tuple(Mode(pole.natural_frequency, pole.damping_ratio) for pole in there.flexible for _ in range(pole.multiplicity))
+        if not modes:
+            raise ShaperError(f"with {parameter} = {value} the plant has no flexible mode that a shaper could be made for")
         shapers.append(make(asked.kind, replace(asked.request, modes=modes)).shaper)
     schedule = Schedule(times, tuple(shapers))
     if plant.rigid_order or asked.reference == "rigid":

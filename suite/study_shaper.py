@@ -51,7 +51,8 @@ def understand_shaper(written: schema.Command, folder: Path, known_names: PlantN
     try:
         kind, _ = find(written.shaper)
         for option, problem in mistakes(kind, written.shaper, request):
-            wrong.append(Mistake(f"command.{option}", getattr(written, option), problem))
+            value = getattr(written, option)
+            wrong.append(Mistake(f"command.{option}", ABSENT if value is None else value, problem))
     except ShaperError as problem:
         names = [name for kind in KINDS for name in kind.written.split(", ")]
         wrong.append(Mistake("command.shaper", written.shaper, f"{problem}{did_you_mean(written.shaper, names)}"))

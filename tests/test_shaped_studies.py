@@ -43,6 +43,12 @@ def mistakes(folder: Path, *keys: str) -> dict[str, str]:
     return {mistake.path: mistake.message for mistake in caught.value.mistakes}
 
 
+def test_what_is_missing_has_no_value(tmp_path: Path):
+    with pytest.raises(StudyError) as caught:
+        load_study(shaper_study(tmp_path, 'shaper = "custom"'))
+    assert "command.impulses: is missing" in str(caught.value)  # and not "= None"
+
+
 def test_the_command_is_the_fastest_rigid_move_shaped(tmp_path: Path):
     """Two carts of 1 kg, 1 N, 5 m: as one body of 2 kg, 2 √(5·2) s, then ZVD for √2 rad/s."""
     found = made(tmp_path, 'shaper = "zvd"')
