@@ -131,6 +131,11 @@ def test_a_height_that_doubles_do_not_hold_is_told():
         narrow_pulses([Mode(W, 0.9999999)], 3.0, 0)
 
 
+def test_heights_at_which_pulses_join_are_told():
+    with pytest.raises(SolverError, match=r"pulses of 3\.075 1/s were not followed .* higher ones"):
+        narrow_pulses([Mode(f * W, z) for f, z in [(2.882, 0.994399), (3.643, 0.0), (3.461, 0.9208)]], 3.075, 0)
+
+
 def test_no_weights_refute_pulses_that_exist():
     """Weights of all directions and sizes refute no duration that pulses take, and some a shorter one."""
     mode = Mode(W, 0.9)

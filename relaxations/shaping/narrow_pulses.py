@@ -146,11 +146,18 @@ def _edges(zeros: Zeros, instants: Vector, sizes: Vector, last: arb) -> Vector:
         start.append(dot(begun, columns(rates, first)[0]))
     path = followed(system, start, begin, goal, apart)
     if path is None or not path.goal:
-        raise SolverError("pulses were not followed from impulses to their height")
+        raise SolverError(_joined(1 / last))
     edges = edges_of(path.x, path.w)
     if not all(before < after for before, after in pairwise(edges)):
-        raise SolverError("pulses overlap on the way from impulses to their height")
+        raise SolverError(_joined(1 / last))
     return [(edge * end).mid() for edge in edges]
+
+
+def _joined(height: arb) -> str:
+    return (
+        f"pulses of {float(height):.6g} 1/s were not followed from impulses (low ones join): higher ones, fewer modes at once and "
+        "impulses (zv, with --pulse as pulses of one width) are possible"
+    )
 
 
 def _touching(rates: Rates, x: Vector, edges: Vector, sizes: Vector) -> tuple[Vector, list[Vector]]:
