@@ -18,8 +18,10 @@ from relaxations.errors import ImpossibleShaperError, ShaperError
 from relaxations.plants import LinearPlant
 from relaxations.response import response
 from relaxations.shaping.impulses import derivative_shaper
+from relaxations.shaping.kinds import make
 from relaxations.shaping.modes import Mode
 from relaxations.shaping.pulses import at_intervals, pulsed
+from relaxations.shaping.requests import Request
 from relaxations.shaping.sampled import sampled
 from relaxations.shaping.sensitivity import residual, step_response
 from relaxations.shaping.shapers import Pulse, Shaper, as_pulses, convolve, shape
@@ -224,3 +226,11 @@ def test_pulses_on_intervals_hold_no_dust(first: float, second: float, height: f
     assert min(pulse.width for pulse in shaper.pulses) > 1e-2 * interval
     assert [pulse.height for pulse in shaper.pulses] == pytest.approx([height] * len(shaper.pulses), rel=1e-12)
     assert max(left(shaper, mode) for mode in modes) < 1e-11
+
+
+@pytest.mark.parametrize(("kind", "width", "proven"), [("zvd", 0.1, True), ("zvd", 1.0, False), ("si", 0.1, False)])
+def test_why_nothing_is_proven_of_pulses_is_said(kind: str, width: float, proven: bool):
+    """Of pulses within a tolerance, and of pulses of whole periods, which leave nothing by themselves."""
+    made = make(kind, Request((Mode(2 * math.pi),), pulse=width))
+    assert (made.least is not None) == proven
+    assert any("says nothing of pulses" in note for note in made.notes) != proven

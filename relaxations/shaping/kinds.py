@@ -56,6 +56,7 @@ from relaxations.shaping.sums_within import within_sums_and_bands
 from relaxations.shaping.touching import least_of_positive, least_up_to_one_of
 from relaxations.shaping.vanishing import require
 
+OF_IMPULSES = "no least duration: that of the impulses says nothing of pulses, which by themselves leave less of a mode"
 NO_FEWER = "no least duration: that fewer samples do not do is so close that it was not proven"
 CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 
@@ -119,7 +120,8 @@ def _drawn_out(made: Made, width: float) -> Made:
     least = None
     if made.least and zeros and min(abs(np.expm1(turn) / turn) for turn in turns) > CLEAR:
         least = Least(math.nextafter(made.least.duration + width, 0.0), f"{made.least.among}, as pulses of one width")
-    return Made(as_pulses(made.shaper, width), least, made.ranges, made.notes)
+    notes = (*made.notes, OF_IMPULSES) if made.least and not least else made.notes
+    return Made(as_pulses(made.shaper, width), least, made.ranges, notes)
 
 
 def find(name: str) -> tuple[Kind, int]:

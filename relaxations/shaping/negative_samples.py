@@ -45,7 +45,7 @@ def within_sums_on_samples(bands: Sequence[Band], lower: float, upper: float, sa
     Raises `ShaperError` for a sample time that is none or too fine, `ImpossibleShaperError` for one that is too coarse.
     """
     require_fine([band.mode for band in bands], sample_time)
-    most = _most(LONGEST * max(min(band.half_period, band.decayed) for band in bands), sample_time)
+    most = _most(max(min(LONGEST * band.half_period, LONGER * band.decayed) for band in bands), sample_time)
     search = Search(tuple(bands), lower, upper)
 
     def one(samples: int) -> Shaper | None:

@@ -26,16 +26,17 @@ SHORTEST = 1e-9  # of an interval: a pulse that is none
 DUST = (1e-2, 1e-4, 1e-6, SHORTEST)  # of an interval: pulses so near none or all of it are that, if equations can be solved without them
 GRID, FINER = 9, 8  # widths of a pulse's range in a program; how much finer what it leaves is looked at
 CLEAR = 1e-6  # by which a box is refuted, of equations of order one: so much that balls can tell
-MOST_BOXES = 600
-EXACT = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
+MOST_BOXES = 600  # of one number of pulses
+EXACT = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15, "max_nfev": 100}  # where it creeps another start is better
 
 
 @dataclass(frozen=True, slots=True)
 class Searched:
-    """The `widths` [s] that do, or None; `refuted`: it is proven that none do."""
+    """The `widths` [s] that do, or None; `refuted`: it is proven that none do; `boxes` that were looked at."""
 
     widths: Reals | None
     refuted: bool = False
+    boxes: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,14 +128,14 @@ class _Search:
         count, h = self.asked.count, self.asked.interval
         tree = self._tree(np.zeros(count), np.full(count, h))
         if self.found is not None or tree is None:
-            return Searched(self.found)
+            return Searched(self.found, boxes=self.boxes)
         a = self.asked
         conditions = [
             Vanishing(exact(repr(mode.frequency)), exact(repr(mode.damping)), power)
             for mode in a.modes
             for power in range(a.derivatives + 1)
         ]
-        return Searched(None, no_widths(conditions, exact(repr(a.height)), exact(repr(h)), count, tree))
+        return Searched(None, no_widths(conditions, exact(repr(a.height)), exact(repr(h)), count, tree), self.boxes)
 
     def _tree(self, low: Reals, high: Reals) -> Weights | Halves | None:
         """What refutes the box; None if widths were found, or too many boxes were looked at."""

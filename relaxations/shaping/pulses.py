@@ -34,6 +34,7 @@ HIGHEST = 1e8  # of a height, in pulses of the fastest mode's half period: insta
 WELL_TOLD, MOST_FOLDS = 4.0, 16.0  # of decay while impulses last: with more they are followed; programs in doubles tell so much
 NEAR = 1e-6  # relative: so near its lower bound a sequence is the shortest
 MORE, MOST = 12, 400  # intervals beyond the fewest that are tried, and intervals at all
+MOST_BOXES = 1200  # of widths that are looked at, of all numbers of pulses
 
 
 def pulsed(modes: Sequence[Mode], height: float, derivatives: int = 0) -> PulseShaper:
@@ -111,7 +112,8 @@ def at_intervals(modes: Sequence[Mode], height: float, interval: float, derivati
     if fewest > MOST:
         raise ShaperError(f"{fewest} intervals of {interval!r} s are more than {MOST}; longer intervals or higher pulses need fewer")
     needed = 0 if free.lower is None else math.ceil(Fraction(free.lower) / exact(repr(interval)))
-    for count in range(fewest, min(fewest + MORE, MOST) + 1):
+    boxes, count = 0, fewest
+    while count <= min(fewest + MORE, MOST) and boxes <= MOST_BOXES:
         found = search(Pulses(tuple(modes), height, interval, derivatives, count))
         if found.refuted:
             needed = count + 1
@@ -121,4 +123,8 @@ def at_intervals(modes: Sequence[Mode], height: float, interval: float, derivati
             area = float(found.widths[kept].sum()) * height
             pulses = tuple(Pulse(float(k * interval - first), float(found.widths[k]), height / area) for k in kept)
             return PulseShaper(Shaper((), (), (), pulses), free.lower, needed)
-    raise SolverError(f"no pulses on {fewest} to {fewest + MORE} intervals of {interval!r} s were found; others may do")
+        boxes, count = boxes + found.boxes, count + 1
+    raise SolverError(
+        f"no pulses on {fewest} to {count - 1} intervals of {interval!r} s were found; shorter intervals may do, or a larger height, and "
+        f"{free.shaper.duration:.6g} s without --sample-time"
+    )

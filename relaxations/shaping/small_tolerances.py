@@ -27,6 +27,7 @@ DERIVATIVES = (13, 16, 20, 25, 32, 40, 50, 64)
 INSIDE = 1e-7  # relative: how much lower than the band begins a range does
 LARGER = (1e-4, 1e-3, 1e-2)  # tolerances whose bounds are tried in turn
 HUMPED = "a tolerance so small is kept by a humped shaper, near the shortest; the least duration is that of a larger tolerance"
+OF_LARGER = "the least duration is that of larger tolerances: with these nothing was proven"
 CONVOLVED = "tolerances so small are kept by a humped shaper for each band, one after the other; the least duration is that of larger ones"
 ROOTED = (
     "tolerances so small are kept by a shaper convolved with itself, {} in a row, each the shortest of the roots of the tolerances; the "
@@ -45,11 +46,14 @@ def within(bands: Sequence[Band]) -> Shortest:
     if least < SMALLEST:
         return within_small(bands)
     try:
-        return specified(bands)
+        found = specified(bands)
     except SolverError:
         if least < SMALL:
             return within_small(bands)
         raise
+    if found.lower is None and least < SMALL:
+        return replace(found, lower=least_known(bands, own=False), note=OF_LARGER)
+    return found
 
 
 def within_small(bands: Sequence[Band]) -> Shortest:
