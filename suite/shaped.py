@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from relaxations.commands import Command
+from relaxations.courses import respects
 from relaxations.errors import ImpossibleShaperError, PlantError, RelaxationsError, ShaperError
 from relaxations.maneuvers import Problem
 from relaxations.plants import LinearPlant
@@ -60,7 +61,7 @@ def shaped(study: Study, asked: ShaperRequest, plant: LinearPlant, posed: Proble
             reference, command = _following(study, asked, plant, posed, reference)
     except RelaxationsError as problem:
         raise _refused(study, "reference" if asked.follow is None else "follow", str(problem)) from None
-    _within(study, asked, command)
+    _within(study, asked, command, posed)
     return Shaped(shaping, kind, reference.maneuver_time, command, asked.follow is not None)
 
 
@@ -97,10 +98,10 @@ def _reference(study: Study, asked: ShaperRequest, plant: LinearPlant, posed: Pr
     return kind, bound.command
 
 
-def _within(study: Study, asked: ShaperRequest, command: Command) -> None:
+def _within(study: Study, asked: ShaperRequest, command: Command, posed: Problem) -> None:
     """Negative impulses may take the command beyond limits that its reference respects; a file may do so by itself.
 
-    Fuel, samples, slopes and pulses are no demands that shapers are made by.
+    Fuel, samples, slopes, pulses and outputs are no demands that shapers are made by.
     """
     lower, upper = float(study.limits.lower), float(study.limits.upper)
     slack = ROUNDING * (upper - lower)
@@ -113,6 +114,11 @@ def _within(study: Study, asked: ShaperRequest, command: Command) -> None:
     if wrong := list(complaints(command, study.limits, lower, upper, float(study.plant.initial_input))):
         hint = "a slower reference from a file, on whole samples if there is a sample time, and command.sample_time may do"
         raise _refused(study, "shaper", f"shaped, {'; '.join(wrong)}; {hint}", asked.kind)
+    if posed.courses and not respects(posed.courses, command, float(study.plant.initial_input)):
+        names = ", ".join(dict.fromkeys(course.name for course in posed.courses))
+        why = f"the shaped command takes an output of the linear plant beyond limits.deflection ({names})"
+        hint = "a longer shaper, a slower reference from a file, or a larger limit may do"
+        raise _refused(study, "shaper", f"{why}; {hint}", asked.kind)
 
 
 def _refused(study: Study, key: str, why: str, value: object = ABSENT) -> StudyError:

@@ -41,7 +41,14 @@ def test_each_limit_is_looked_at(command: Command, limits: dict[str, object], to
 
 
 @pytest.mark.parametrize(
-    ("limit", "told"), [("fuel = 1.0", "more than limits.fuel"), ("sample_time = 0.25", "limits.sample_time"), ("", "")]
+    ("limit", "told"),
+    [
+        ("fuel = 1.0", "more than limits.fuel"),
+        ("sample_time = 0.25", "limits.sample_time"),
+        ("deflection = { output_rate = 0.6 }", "beyond limits.deflection (output_rate)"),  # it comes to 0.7 or so
+        ("deflection = { output_rate = 2.0 }", ""),
+        ("", ""),
+    ],
 )
 def test_a_shaped_command_respects_them(limit: str, told: str, tmp_path: Path) -> None:
     """One mode and a rigid body: the fastest rigid move takes 2 s and 2 of fuel, and is shaped at instants of no sample."""
