@@ -153,3 +153,12 @@ def test_a_last_impulse_may_be_next_to_nothing_and_says_when_it_is_over():
     assert math.exp(-rate * 42 * step) > tolerance > math.exp(-rate * 43 * step)
     curve = residual(made.shaper.times, made.shaper.amplitudes, mode.frequency * np.linspace(band.low, band.high, 2001), mode.damping)
     assert curve.max() <= tolerance
+
+
+@pytest.mark.slow
+def test_fine_samples_come_to_the_free_instants():
+    mode = Mode(2 * math.pi, 0.05)
+    free, made = make("um-ei", Request((mode,))), make("um-ei", Request((mode,), sample_time=0.005))
+    assert free.shaper.duration < made.shaper.duration < free.shaper.duration + 2 * 0.005
+    assert made.least is not None
+    assert made.least.duration == pytest.approx(148 * 0.005)

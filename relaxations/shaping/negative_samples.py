@@ -45,7 +45,9 @@ def within_sums_on_samples(bands: Sequence[Band], lower: float, upper: float, sa
     Raises `ShaperError` for a sample time that is none or too fine, `ImpossibleShaperError` for one that is too coarse.
     """
     require_fine([band.mode for band in bands], sample_time)
-    most = _most(max(min(LONGEST * band.half_period, LONGER * band.decayed) for band in bands), sample_time)
+    _require_few(max(min(band.half_period, band.decayed) for band in bands), sample_time)
+    longest = max(min(LONGEST * band.half_period, LONGER * band.decayed) for band in bands)
+    most = min(math.ceil(longest / sample_time), MOST_SAMPLES)
     search = Search(tuple(bands), lower, upper)
 
     def one(samples: int) -> Shaper | None:
@@ -54,7 +56,7 @@ def within_sums_on_samples(bands: Sequence[Band], lower: float, upper: float, sa
 
     found = fewest(one, 2, most, LONGER)
     if found is None:
-        raise SolverError("no sequence within these bounds was found that keeps every band; um-zv is possible")
+        raise SolverError(f"no sequence within these bounds was found on up to {most} samples that keeps every band; um-zv is possible")
     samples, shaper = found
     _, _, multipliers = search.solved((samples - 1) * sample_time, samples - 1) if samples > 1 else (0.0, np.zeros(0), np.zeros(0))
     refuted = samples <= 1 or none_within_sums_on_samples(
@@ -69,7 +71,7 @@ def negative_on_samples(modes: Sequence[Mode], negative: float, sample_time: flo
     Raises as `within_sums_on_samples`, and `SolverError`.
     """
     require_fine(modes, sample_time)
-    _most(sum(mode.half_period for mode in modes), sample_time)
+    _require_few(sum(mode.half_period for mode in modes), sample_time)
     positive = sampled([(mode, 0) for mode in modes], sample_time).shaper
     most = round(positive.duration / sample_time)
     found = fewest(lambda count: positive if count == most else _vanishing(modes, negative, sample_time, count), 2, most, LONGER)
@@ -79,13 +81,13 @@ def negative_on_samples(modes: Sequence[Mode], negative: float, sample_time: flo
     return shaper, samples if _refuted(modes, negative, sample_time, samples - 1) else 0
 
 
-def _most(longest: float, sample_time: float) -> int:
-    if longest > MOST_SAMPLES * sample_time:
+def _require_few(duration: float, sample_time: float) -> None:
+    """Raises `ShaperError` where some `duration` [s] is more samples than are searched."""
+    if duration > MOST_SAMPLES * sample_time:
         raise ShaperError(
-            f"a sample time of {sample_time!r} s puts some {longest / sample_time:.4g} samples into the shaper; up to {MOST_SAMPLES} are "
-            f"searched, so from {longest / MOST_SAMPLES:.4g} s on; without a sample time the instants are free"
+            f"a sample time of {sample_time!r} s puts some {duration / sample_time:.4g} samples into the shaper; up to {MOST_SAMPLES} are "
+            f"searched, so from {duration / MOST_SAMPLES:.4g} s on; without a sample time the instants are free"
         )
-    return math.ceil(longest / sample_time)
 
 
 def _of_levels(levels: Reals, bands: Sequence[Band], bounds: tuple[float, float], sample_time: float) -> Shaper | None:
