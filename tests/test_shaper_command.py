@@ -234,7 +234,7 @@ def test_the_step_response_is_that_of_the_differential_equation():
             ["7 mistakes", "a.txt", "--mode -1Hz:0", "--band 3:1", "--tolerance 7.0", "--move 1: needs", "no shaper 'zvx'", "--decay"],
         ),
         (["zv", "--mode", "1Hz:0", "--mode", "1e6Hz:0", "--simultaneous"], 1, ["not found:", "5e+05 periods", "up to 100"]),
-        slow(["dl-zv", "--mode", "1Hz:0", "--deflection", "1e-6"], 1, ["on up to 600 samples", "a larger limit needs fewer"]),
+        slow(["dl-zv", "--mode", "1Hz:0", "--deflection", "0.001"], 1, ["on up to 600 samples", "a larger limit needs fewer"]),
         (["ei", "--mode", "1Hz:0", "--tolerance", "1"], 2, ["--tolerance 1.0"]),
         (["ei", "--mode", "1Hz:0", "--negative", "0.3"], 2, ["--negative", "sna-zv"]),
         (["sna-zv", "--mode", "1Hz:0"], 2, ["--negative is missing; sna-zv needs it"]),
