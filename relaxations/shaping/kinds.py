@@ -10,8 +10,6 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
 
-import numpy as np
-
 from relaxations.checking.worst import worst_residual
 from relaxations.errors import ShaperError, SolverError
 from relaxations.plants import exact
@@ -37,6 +35,7 @@ from relaxations.shaping.comparisons import (
 )
 from relaxations.shaping.decayed import DECAYED
 from relaxations.shaping.deflection import deflection_limited
+from relaxations.shaping.drawn_out import drawn_out
 from relaxations.shaping.humps import extra_insensitive, unity_magnitude
 from relaxations.shaping.impulses import derivative_shaper, mzv, negative_zv
 from relaxations.shaping.insensitive_samples import within_on_samples
@@ -50,15 +49,13 @@ from relaxations.shaping.pulses import at_intervals, pulsed
 from relaxations.shaping.ranges import humped_ranges
 from relaxations.shaping.requests import Least, Made, Request
 from relaxations.shaping.sampled import Sampled, sampled
-from relaxations.shaping.shapers import Shaper, as_pulses, convolve
+from relaxations.shaping.shapers import Shaper, convolve
 from relaxations.shaping.small_tolerances import least_known, within
 from relaxations.shaping.sums_within import within_sums_and_bands
 from relaxations.shaping.touching import least_of_positive, least_up_to_one_of
 from relaxations.shaping.vanishing import require
 
-OF_IMPULSES = "no least duration: that of the impulses says nothing of pulses, which by themselves leave less of a mode"
 NO_FEWER = "no least duration: that fewer samples do not do is so close that it was not proven"
-CLEAR = 1e-3  # of a pulse's own factor: one that is smaller leaves nearly nothing of the mode by itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,22 +103,11 @@ def make(name: str, request: Request) -> Made:
         require(name, made.shaper, made.least.zeros)
     if made.least and made.least.duration > made.shaper.duration:  # the shaper's own zeros are doubles: it may end a hair too soon
         made = replace(made, least=replace(made.least, duration=made.shaper.duration))
-    return made if request.pulse is None or not made.shaper.times else _drawn_out(made, request.pulse)
-
-
-def _drawn_out(made: Made, width: float) -> Made:
-    """Pulses in place of the impulses.
-
-    What impulses leave of a mode is multiplied by `(e^{κωw} - 1)/(κωw)`. Where that is not 0, pulses of one width need the impulses' least
-    duration and their width; near 0 (a width of whole periods of a mode without damping) nothing is claimed.
-    """
-    zeros = made.least.zeros if made.least else ()
-    turns = [mode.frequency * mode.direction * width for mode in zeros]
-    least = None
-    if made.least and zeros and min(abs(np.expm1(turn) / turn) for turn in turns) > CLEAR:
-        least = Least(math.nextafter(made.least.duration + width, 0.0), f"{made.least.among}, as pulses of one width")
-    notes = (*made.notes, OF_IMPULSES) if made.least and not least else made.notes
-    return Made(as_pulses(made.shaper, width), least, made.ranges, notes)
+    if request.pulse is None or not made.shaper.times:
+        return made
+    positive = request.sample_time is None and min(made.shaper.amplitudes) > 0.0
+    kept = request.reaches() if kind.keeps else made.ranges
+    return drawn_out(made, request.pulse, [band for _, band in kept] if positive else [])
 
 
 def find(name: str) -> tuple[Kind, int]:
