@@ -79,11 +79,9 @@ def test_the_command_line_starts_without_the_heavy_modules() -> None:
     assert done.stdout.strip() == "[]", "import these where they are used"
 
 
-@pytest.mark.parametrize(
-    "uses", ["suite.console, suite.collection", "suite.console_shapers, suite.shaper_files, suite.shaping"], ids=["bound", "shaper"]
-)
-def test_a_command_starts_without_what_it_does_not_need(uses: str) -> None:
-    """It draws, integrates and runs nothing: what does would be most of its time."""
+def test_a_command_starts_without_what_it_does_not_need() -> None:
+    """`bound` and `shaper` draw, integrate and run nothing: what does would be most of their time."""
+    uses = "suite.console, suite.collection, suite.console_shapers, suite.shaper_files, suite.shaping"
     needless = ("matplotlib", "scipy.integrate", "scipy.interpolate", "scipy.signal", "scipy.stats", "sksundae", "jinja2", "suite.campaign")
     script = f"import sys, {uses}; print([m for m in {needless!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)

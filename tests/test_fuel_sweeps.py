@@ -88,6 +88,7 @@ def point(record: dict[str, Any], kind: str, fuel: float) -> dict[str, Any]:
 # The paper's numbers, to ten digits by Newton's method on the switch times: F20, F21, and the budgets that are no profile's of it.
 
 
+@pytest.mark.slow
 def test_known_profiles_as_the_command_prints_them(found: tuple[dict[str, Any], Path]) -> None:
     record, _ = found
     zv, zvd = point(record, "zv", 4.0), point(record, "zvd", 3.5)

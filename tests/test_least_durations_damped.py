@@ -29,7 +29,7 @@ def test_of_humps_it_is_within_a_few_parts_in_a_hundred_million(damping: float, 
     assert made.shaper.duration * (1 - 5e-8) < lower < made.shaper.duration
 
 
-@pytest.mark.parametrize(("damping", "humps"), [(0.99, 1), (0.985, 2), slow(0.985, 3), slow(0.99, 4)])
+@pytest.mark.parametrize(("damping", "humps"), [(0.99, 1), slow(0.985, 2), slow(0.985, 3), slow(0.99, 4)])
 def test_of_humps_of_unity_magnitude_too(damping: float, humps: int):
     made = unity_magnitude(Mode(W, damping), 0.05, humps)
     lower = least_up_to_one_of(made.zeros, made.dips)

@@ -49,6 +49,7 @@ def test_arcs_between_samples_are_seen(plant: Any, robustness: int, height: floa
     assert tried >= 10
 
 
+@pytest.mark.slow
 def test_the_support_is_that_of_quadrature_where_arcs_are_thin() -> None:
     seen, random = looks(PLANTS[0], 1), np.random.default_rng(3)
     fine = np.linspace(0.0, seen.maneuver_time, 2_000_001)

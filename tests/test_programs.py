@@ -156,6 +156,7 @@ def test_energy_is_exact_where_the_command_is_constant():
     assert energy_bound(posed, np.linspace(0.0, 1.2, 50)) == pytest.approx(1.2 / 1.5, rel=1e-13)
 
 
+@pytest.mark.slow
 def test_energy_says_how_short_a_time_is_that_doubles_cannot_resolve():
     """100 poles in a fifth of their 121 s: the equations are dependent to 1e-80, the bound need not be."""
     posed = problem([chain(50)], Maneuver(exact(5), Limits.of(-1, 1)))

@@ -46,8 +46,8 @@ MISSED = {
     "two_mass_speed_limit": ("SPEED-001", "peak(velocity_2)"),
     "two_mass_spring_limit": ("SPRING-001", "peak(spring)"),
 }
-# A nonlinear plant whose mode varies, shapers, an FMU that refuses what no thruster can do; the others are for `make slow`.
-QUICK = {"gantry_crane_shaped", "spacecraft"}
+# An FMU that refuses what no thruster can do; the others are for `make slow`.
+QUICK = {"spacecraft"}
 PAIRS = [
     pytest.param(name, version, id=f"{name}-{version}", marks=[] if name in QUICK and version == "3.0" else [pytest.mark.slow])
     for name in MISSED

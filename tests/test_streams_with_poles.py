@@ -53,7 +53,7 @@ def test_the_memory_is_bounded() -> None:
     assert len(running._memory) == 101  # the last delay, and one sample
 
 
-@pytest.mark.parametrize("step", [slow(0.1), 0.083])
+@pytest.mark.parametrize("step", [slow(0.1), slow(0.083)])
 def test_it_is_the_convolution_with_lines_between_samples(step: float) -> None:
     random = np.random.default_rng(5)
     samples = random.normal(size=200)

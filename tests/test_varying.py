@@ -29,7 +29,7 @@ DAMPED_A, DAMPED_B, DAMPED_C = [[0, 1, 0], [0, "-0.5", 1], [0, "-3", "-0.2"]], [
     ("A", "B", "C", "displacement", "limits"),
     [
         slow(SPRING_A, SPRING_B, SPRING_C, 1, Limits.of(-1, 1)),
-        (SPRING_A, SPRING_B, SPRING_C, 5, Limits.of(-1, 1, 4)),
+        slow(SPRING_A, SPRING_B, SPRING_C, 5, Limits.of(-1, 1, 4)),
         slow(DAMPED_A, DAMPED_B, DAMPED_C, 2, Limits.of(-1, "0.7")),
         slow(STIFF_A, STIFF_B, STIFF_C, "0.5", Limits.of(-1, 1)),
         (STIFF_A, STIFF_B, STIFF_C, "-0.5", Limits.of(-1, "0.25")),
